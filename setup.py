@@ -34,7 +34,8 @@ setup(
     license="Apache-2.0",
     packages=find_packages(include=["vgps_ros", "vgps_ros.*"]),
     package_data={
-        "vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*/*.json", "*.json", "*.template"],
+        "vgps_ros.tasks": ["*/*.xml", "*/*.yaml", "*/*.csv", "*/*.json", "*.json"],
+        "vgps_ros.wizard": ["*.template"],
         "vgps_ros.nodes.live": ["*.html"],
         "vgps_ros.views.web": ["*.html", "*.js", "*.json", "parts/*"],
     },

@@ -3,7 +3,7 @@
 
 import pytest
 
-from vgps_ros.core.augmentation import exchanged
+from vgps_ros.core.augmentation import swap_parts
 
 
 @pytest.mark.parametrize(
@@ -25,9 +25,9 @@ from vgps_ros.core.augmentation import exchanged
     ],
 )
 def test_parts_of_a_name_are_exchanged_and_back(name, pair, image):
-    assert exchanged(name, [pair]) == image
-    assert exchanged(image, [pair]) == name
+    assert swap_parts(name, [pair]) == image
+    assert swap_parts(image, [pair]) == name
 
 
 def test_several_pairs_are_exchanged_one_after_another():
-    assert exchanged("l_front", [("l", "r"), ("front", "hind")]) == "r_hind"
+    assert swap_parts("l_front", [("l", "r"), ("front", "hind")]) == "r_hind"

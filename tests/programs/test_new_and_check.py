@@ -11,8 +11,8 @@ import pytest
 from tests.simulation.robots import EVERYTHING
 from tests.tasks.hopper_file import HOPPER
 from vgps_ros.programs.__main__ import main
-from vgps_ros.programs.check import examine_task, inexact
 from vgps_ros.tasks import make_task
+from vgps_ros.wizard.task_check import examine_task, inexact
 
 PENDULUM = """
 <mujoco>

@@ -12,7 +12,7 @@ from vgps_ros.core.bound import expected_cost, expected_divergence
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.methods import search
-from vgps_ros.search.metrics import uncut
+from vgps_ros.search.metrics import unlimited_marginals
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
@@ -67,9 +67,11 @@ def test_the_bound_is_the_log_likelihood_for_the_best_q_and_below_it_for_others(
     request = replace(first, cost_scale=alpha, guess=None, previous=others, policy=linear_policy)
     best = optimize(task, request).distribution
     expected = log_likelihood(task, linear_policy, alpha)
-    found = bound(task, uncut(task, best), linear_policy, alpha, rng)
+    found = bound(task, unlimited_marginals(task, best), linear_policy, alpha, rng)
     assert_allclose(found, expected, rtol=1e-6)
-    assert bound(task, uncut(task, others), linear_policy, alpha, rng) < expected - 1.0
+    assert (
+        bound(task, unlimited_marginals(task, others), linear_policy, alpha, rng) < expected - 1.0
+    )
     cut = bound(task, best, linear_policy, alpha, rng)
     assert (cut > expected + 0.01) == (limit < 1.0)  # which is why it is not the one that is told
 
@@ -102,7 +104,7 @@ def test_the_bound_that_is_told_is_that_of_q_uncut(rotor):
     q = told.solutions[0].distribution
     found = [
         bound(task, each, told.policy, 1.0, generator(0, Stream.BOUND, 0))
-        for each in (uncut(task, q), q)
+        for each in (unlimited_marginals(task, q), q)
     ]
     assert told.bound == found[0]
     assert abs(found[1] - found[0]) > 0.1

@@ -15,7 +15,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.settings import with_values
 from vgps_ros.search.methods import METHODS, search
-from vgps_ros.search.metrics import uncut
+from vgps_ros.search.metrics import unlimited_marginals
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.situations import Situation
@@ -96,7 +96,9 @@ def test_the_bound_is_that_of_q_and_not_of_what_is_taught_beyond_the_limits(task
     q = told.solutions[0].distribution.first(task.horizon)
     assert (q.mean.controls == HIGH).any()
     rng = generator(0, Stream.BOUND, 0)
-    assert told.bound == pytest.approx(bound(task, uncut(task, q), told.policy, 1.0, rng))
+    assert told.bound == pytest.approx(
+        bound(task, unlimited_marginals(task, q), told.policy, 1.0, rng)
+    )
 
 
 @pytest.mark.parametrize("method", sorted(set(METHODS) - {"cost_weighted_1000"}))

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
-from vgps_ros.search.gps import combined
+from vgps_ros.search.comparators.gps import combined
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import METHOD, GpsSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all

@@ -14,7 +14,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search import methods
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
-from vgps_ros.search.selection import Tried, is_tried, sound_step, tried
+from vgps_ros.search.selection import Tried, is_evaluated, sound_step, tried
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import make_task
@@ -53,9 +53,9 @@ def test_success_counts_first_and_then_the_error_and_the_later_one_of_equals():
 
 
 def test_policies_are_tried_in_the_second_half_of_a_search_that_renews(settings):
-    assert [is_tried(settings, k) for k in (1, 2, 3, 4)] == [False, False, True, True]
-    assert not is_tried(with_values(settings, {"renew.share": 0.0}), 4)
-    assert not is_tried(with_values(settings, {"keep.rollouts": 0}), 4)
+    assert [is_evaluated(settings, k) for k in (1, 2, 3, 4)] == [False, False, True, True]
+    assert not is_evaluated(with_values(settings, {"renew.share": 0.0}), 4)
+    assert not is_evaluated(with_values(settings, {"keep.rollouts": 0}), 4)
 
 
 def test_the_same_policy_is_tried_in_the_same_rollouts_in_each_iteration(task, settings):
@@ -140,4 +140,4 @@ def test_without_commands_the_policy_of_the_least_cost_is_kept(tmp_path):
     assert not worse.beats(best)
     hangs = task.cost(task.initial_state[None], np.zeros((1, 1))).mean()
     assert other.loss == pytest.approx(hangs, rel=0.1)  # a step that never moves
-    assert "in each step of 5 rollouts" in one.told(task, settings)
+    assert "in each step of 5 rollouts" in one.summary(task, settings)

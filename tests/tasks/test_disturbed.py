@@ -14,7 +14,7 @@ from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance, may_rub
+from vgps_ros.tasks.disturbed_task import can_slide_on_ground, disturbed, draw_disturbance
 
 # A sled of 2 kg on the floor that carries an arm of 1 kg; nothing but the floor brakes it.
 SLED = """
@@ -295,7 +295,7 @@ def test_bodies_without_a_name_have_that_of_their_place(tmp_path, rng):
 
 def test_friction_changes_only_where_something_can_rub(sled):
     ice = Disturbance(friction=0.5)
-    assert may_rub(disturbed(sled(), ice).dynamics.model)
+    assert can_slide_on_ground(disturbed(sled(), ice).dynamics.model)
     for change in ('contype="0"', 'condim="1"'):
         smooth = SLED.replace('size="0.3 0.3 0.1"', f'size="0.3 0.3 0.1" {change}')
         smooth = smooth.replace('type="plane"', f'type="plane" {change}')

@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from tests.told_rotor import write_task
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.programs.check import examine_task
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.environment import TaskEnvironment
+from vgps_ros.wizard.task_check import examine_task
 
 COMMANDED = sorted((Path(__file__).parents[2] / "config" / "commanded").glob("*.yaml"))
 

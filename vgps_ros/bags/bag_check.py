@@ -163,14 +163,14 @@ def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> li
     """Reads what the executor told its policy in each state, in the order of receipt."""
     names = executor.signals.names
 
-    def told(message: Any) -> Array:
+    def commands_of(message: Any) -> Array:
         values = signals_from_msg(message)
         if tuple(values) != names:
             raise InvalidInputError(f"it tells {quoted(list(values))}, not {list(names)}.")
         return np.array(list(values.values()))
 
     is_told = names and CONTEXT in bag.filled_topics
-    return _stamped(bag, CONTEXT, told, found) if is_told else []
+    return _stamped(bag, CONTEXT, commands_of, found) if is_told else []
 
 
 def _check_contexts(

@@ -48,7 +48,7 @@ class BagCheck:
     counts: Counter[str] = field(default_factory=Counter)
 
     def prove(self, words: str, agreeing: int, total: int, kind: str) -> None:
-        """Notes how many of a kind agree, if any do."""
+        """Records the number of matches of a kind, if there are any."""
         if agreeing > 0:
             self.proved.append(f"{words} {agreeing} of {total} {kind}".lstrip())
 

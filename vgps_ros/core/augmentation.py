@@ -22,8 +22,8 @@ Samples = tuple[Array, Array, Array]
 _SHORT = 2  # letters of a part, such as l or FR, that may stand in any word by chance
 
 
-def exchanged(name: str, pairs: Sequence[tuple[str, str]]) -> str:
-    """Returns a name with the parts of each pair exchanged.
+def swap_parts(name: str, pairs: Sequence[tuple[str, str]]) -> str:
+    """Returns a name with the parts of each pair swap_parts.
 
     Short parts and numbers count only where they are words of their own, as in l_hip, hipL or leg2.
     """

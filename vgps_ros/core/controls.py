@@ -54,7 +54,7 @@ class ControlKind(StrEnum):
         return self.value if self in (self.POSITION, self.VELOCITY) else "effort"
 
 
-# Where a robot is left alone, what controls of each kind do.
+# The command of each kind that is sent when idle.
 _AT_REST = {
     ControlKind.TORQUE: "torques are zero",
     ControlKind.FORCE: "forces are zero",

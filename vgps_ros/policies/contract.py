@@ -120,7 +120,7 @@ class Contract:
         action_clip: lowest and highest action, shapes (n_a + m,).
         target_clip: lowest and highest p_0 + s a of each joint, and of each that is held.
         looped: indices of the joints with k_p or k_d.
-        felt: places in `observed` of their positions and then velocities.
+        looped_places: places in `observed` of their positions and then velocities.
         steps: how many steps, with the newest, the network reads.
         remembers: whether the network reads anything of former steps.
         gait_period: time of a turn of its clock [s]; 0 if it says nothing of it.
@@ -167,12 +167,12 @@ class Contract:
         self.terms = self._terms(metadata, names_of(metadata, "observation_names", name))
         self.looped = np.flatnonzero((self.stiffness != 0.0) | (self.damping != 0.0))
         looped = [self.all_joints[i] for i in self.looped]
-        felt = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in looped]
-        read = dict.fromkeys([*(each for term in self.terms for each in term.read), *felt])
+        looped_names = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in looped]
+        read = dict.fromkeys([*(each for term in self.terms for each in term.read), *looped_names])
         self.observed = tuple(sorted(read, key=lambda each: each.startswith(TOLD)))
         places = {each: i for i, each in enumerate(self.observed)}
         self._columns = [[places[each] for each in term.read] for term in self.terms]
-        self.felt = [places[each] for each in felt]
+        self.looped_places = [places[each] for each in looped_names]
         self._scale = np.concatenate([term.scale for term in self.terms])
         clips = np.repeat([t.clip for t in self.terms], [t.size for t in self.terms], axis=0)
         self._lowest, self._highest = clips.T

@@ -85,17 +85,17 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
         InvalidInputError: it cannot be read, or holds what no contract can say.
     """
     if str(path) == GO1_OF_PLAYGROUND:
-        return _said(_of_playground(joints, home))
+        return _to_metadata_text(_of_playground(joints, home))
     content = _yaml(path)
     try:
         if "joint_ids_map" in content:
-            return _said(_of_unitree(content, joints))
+            return _to_metadata_text(_of_unitree(content, joints))
         one = next(iter(content.values())) if len(content) == 1 else {}
         if isinstance(one, Mapping) and "rl_kp" in one:
             bases = (folder / "base.yaml" for folder in list(path.absolute().parents)[1:3])
             base = next(filter(Path.is_file, bases), None)
             shared = next(iter(_yaml(base).values())) if base else {}
-            return _said(_of_rl_sar({**shared, **one}, joints))
+            return _to_metadata_text(_of_rl_sar({**shared, **one}, joints))
     except InvalidInputError:
         raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
@@ -108,7 +108,7 @@ def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> d
             "rl_sar (rl_kp), nor holds metadata (observation_names); see "
             "docs/how_to/import_a_policy.md."
         )
-    return _said(content)
+    return _to_metadata_text(content)
 
 
 # Of LEAPP's kinds of inputs: the words that stand for the names of their elements.
@@ -314,7 +314,7 @@ def _yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def _said(content: Mapping[str, Any]) -> dict[str, str]:
+def _to_metadata_text(content: Mapping[str, Any]) -> dict[str, str]:
     """Returns values as texts: lists with commas, and within them with semicolons."""
     found = {}
     for key, value in content.items():

@@ -4,7 +4,7 @@
 Its metadata say what its numbers mean (`policies.contract`). Where it has a stiffness, its actions
 are targets of positions. A robot of servos gets the targets. One of motors gets the torque
 k_p (p_0 + s a − p) − k_d v, with the joint's position p and its velocity v; it is then held for a
-control period, which stiff loops do not bear (`tasks.driver.in_closed_loops`).
+control period, at which stiff joints become unstable (`tasks.driver.in_closed_loops`).
 """
 
 import re
@@ -170,7 +170,7 @@ class OnnxPolicy:
         values = self._origin + self.contract.scale * driving
         values = np.clip(values, *self.contract.target_clip)
         if self._closed.any():
-            position, velocity = self._felt(inputs)
+            position, velocity = self._looped_joint_state(inputs)
             torques = self.contract.stiffness * (values - position)
             torques -= self.contract.damping * velocity
             values = np.where(self._closed, torques, values)
@@ -180,7 +180,7 @@ class OnnxPolicy:
         """Returns the actions (N, n_a) of controls (N, n_u): the inverse of `controls`."""
         values = self._controls.at_joints(controls)[:, np.argsort(self._order)]
         if self._closed.any():
-            position, velocity = self._felt(inputs)
+            position, velocity = self._looped_joint_state(inputs)
             stiffness = np.where(self.contract.stiffness, self.contract.stiffness, 1.0)
             held = position * (self.contract.stiffness != 0.0)
             targets = (values + self.contract.damping * velocity) / stiffness + held
@@ -188,10 +188,12 @@ class OnnxPolicy:
         scale = np.where(self.contract.scale, self.contract.scale, 1.0)
         return np.asarray((values - self._origin) / scale)[:, : len(self.contract.joints)]
 
-    def _felt(self, inputs: Array) -> Array:
+    def _looped_joint_state(self, inputs: Array) -> Array:
         """Returns the positions and velocities of looped joints, shape (2, N, n_u); of others 0."""
         found = np.zeros((2, len(inputs), self.control_dim))
-        found[..., self.contract.looped] = np.split(inputs[:, self.contract.felt], 2, axis=1)
+        found[..., self.contract.looped] = np.split(
+            inputs[:, self.contract.looped_places], 2, axis=1
+        )
         return found
 
     def _opened(self) -> tuple[Any, Any, Any]:

@@ -73,14 +73,14 @@ def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
-    from vgps_ros.tasks.new_task import first_task_file
-    from vgps_ros.tasks.robot_kind import (
-        free_in_all_but_name,
-        shakes_its_legs,
-        things_beside_legs,
-    )
     from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
+    from vgps_ros.wizard.first_task import first_task_file
+    from vgps_ros.wizard.robot import (
+        has_motors_too_strong,
+        objects_beside_legs,
+        six_axis_base,
+    )
 
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)
@@ -104,12 +104,12 @@ def run(arguments: argparse.Namespace) -> None:
             raise error from None
     if locks := _locks(arguments.lock):
         model = compiled(joints=locks)
-    if base := free_in_all_but_name(model):
+    if base := six_axis_base(model):
         model = compiled(free_bodies=[base])
-    if beside := things_beside_legs(model):
+    if beside := objects_beside_legs(model):
         model = compiled(remove_bodies=beside)
     former = model
-    if model.nu and (arguments.servos or shakes_its_legs(model)):
+    if model.nu and (arguments.servos or has_motors_too_strong(model)):
         model = compiled(remove_actuators=["*"])
     text = first_task_file(reference, model, str(SCHEMA_PATH), changes, former)
     arguments.folder.mkdir(parents=True, exist_ok=True)

@@ -483,7 +483,7 @@ class Controller(LifecycleNode):
             self._watchdog.reset()
         began, context = time.monotonic(), NO_CONTEXT
 
-        def told() -> Array:
+        def current_context() -> Array:
             nonlocal context
             context = self.instructions.at(stamp, state)
             self.instructions.publish(context, stamp)
@@ -503,7 +503,7 @@ class Controller(LifecycleNode):
                 lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
                 time.monotonic(),
                 lambda: pose.control(state, stamp) if pose else self.law(state, stamp, context),
-                told,
+                current_context,
                 is_policy=pose is None,
             )
         except InvalidInputError as error:

@@ -83,7 +83,7 @@ class TrainingMarginals:
         # The feedback acts on coordinates that the policy feels somewhere along the mean.
         everywhere = np.broadcast_to(np.eye(n), (q.mean.horizon, n, n))
         largest = np.abs(observation.pull_back(everywhere, q.mean.states[:-1])).max(axis=0)
-        self._felt = (largest > _ROUNDING * largest.max(axis=1, keepdims=True)).any(axis=0)
+        self._answers = (largest > _ROUNDING * largest.max(axis=1, keepdims=True)).any(axis=0)
         # With Σ = L Lᵀ, d is the norm of L⁻¹ o − L⁻¹ ō. The rows of L⁻¹ of all steps are stacked,
         # so that a query needs one product only.
         whitening = np.linalg.inv(roots)
@@ -102,7 +102,7 @@ class TrainingMarginals:
 
     def feedback(self, state: Array, step: int) -> Array:
         """Returns ū_t + K_t (x ⊖ x̄_t), shape (n_u,) [N·m], over coordinates the policy feels."""
-        deviation = self._space.subtract(state, self._mean.states[step]) * self._felt
+        deviation = self._space.subtract(state, self._mean.states[step]) * self._answers
         # A sum of one order, since BLAS would choose the order by the processor.
         return self._mean.controls[step] + (self._gains[step] * deviation).sum(axis=1)
 

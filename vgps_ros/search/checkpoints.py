@@ -101,7 +101,7 @@ class Checkpoints:
                 continue
             except ForeignCheckpointError as error:
                 refused.insert(0, error)
-            except Exception as error:  # whatever the bytes are, they are no checkpoint
+            except Exception as error:  # not a valid checkpoint
                 self.tell(f"'{path}' is not a whole checkpoint and is left out: {error}")
                 refused.append(error)
         if found:

@@ -15,15 +15,15 @@ from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import check_settings
 from vgps_ros.search.checkpoints import Checkpoints, Run
-from vgps_ros.search.cost_weighted import cost_weighted
-from vgps_ros.search.dagger import Imitation, imitate
+from vgps_ros.search.comparators.cost_weighted import cost_weighted
+from vgps_ros.search.comparators.dagger import Imitation, imitate
+from vgps_ros.search.comparators.gps import GuidedUpdate, guided_search
+from vgps_ros.search.comparators.mdgps import Mirrored, begin, mdgps
+from vgps_ros.search.comparators.plato import Lessons, check_teacher, plato
 from vgps_ros.search.evaluation import Evaluation, evaluate
-from vgps_ros.search.gps import GuidedUpdate, guided_search
 from vgps_ros.search.iteration import SearchIteration, SearchState
-from vgps_ros.search.mdgps import Mirrored, begin, mdgps
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
-from vgps_ros.search.plato import Lessons, check_teacher, plato
-from vgps_ros.search.selection import finished, is_tried, tried
+from vgps_ros.search.selection import finished, is_evaluated, tried
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -144,17 +144,19 @@ def search(
         q_step = work.optimization_seconds - optimized
         m_step = time.perf_counter() - began - q_step
         best, notice = state.best, ""
-        if is_tried(settings, k):
+        if is_evaluated(settings, k):
             this = tried(task, settings, seed, update.policy, k)
             best = this if best is None or this.beats(best) else best
-            notice = f"The policy of iteration {k} {this.told(task, settings)}."
+            notice = f"The policy of iteration {k} {this.summary(task, settings)}."
             if k == settings.iterations and best is not this:
-                notice += f" That of iteration {best.k} is kept, which {best.told(task, settings)}."
+                notice += (
+                    f" That of iteration {best.k} is kept, which {best.summary(task, settings)}."
+                )
             if k == settings.iterations:
                 final = finished(task, settings, seed, best)
                 update = replace(update, policy=final.policy)
                 if final is not best:
-                    notice += f" With calibrated commands it {final.told(task, settings)}."
+                    notice += f" With calibrated commands it {final.summary(task, settings)}."
             if k == settings.iterations and best.success < _LITTLE:
                 notice += " That is little: another --seed may do better, since seeds differ much."
         evaluation = evaluated(update, k)

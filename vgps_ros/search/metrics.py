@@ -14,7 +14,7 @@ q and θ as iteration k − 1 left them, at the α_k of iteration k,
 Neither is negative where both steps are exact, and neither mixes values of different α. The horizon
 is the scored one, so where steps are planned beyond it, a q-step may give some of it up for them.
 The gains are those over the marginals that the steps take. Where the task's std_limit cuts these
-they are not those of q, and L over them is no bound: the bound itself is that of q uncut.
+they are not those of q, and L over them is no bound: the bound itself is that of q without limits.
 
 And both steps trust the marginals N(x̄_t, Σ_t) of q, which are linearised (section 4). Where the
 linearisation holds, 95 % of the coordinates of rollouts of π_G, with its noise, lie within two of
@@ -270,7 +270,7 @@ def bound_metrics(
     fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
     policy, qs = pairs[i]
     try:
-        whole = [uncut(work.tasks[i], q) for i, q in zip(stayed, after, strict=True)]
+        whole = [unlimited_marginals(work.tasks[i], q) for i, q in zip(stayed, after, strict=True)]
         bound = -cost(whole) - divergence(whole, theta)
     except DivergenceError:  # without std_limit the marginals explode
         bound = -math.inf
@@ -282,7 +282,7 @@ def bound_metrics(
     }
 
 
-def uncut(task: "Task", q: TrajectoryDistribution) -> TrajectoryDistribution:
+def unlimited_marginals(task: "Task", q: TrajectoryDistribution) -> TrajectoryDistribution:
     """Returns q with the marginals that it has where the task's std_limit does not cut them.
 
     Raises:

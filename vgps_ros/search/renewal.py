@@ -96,7 +96,10 @@ def renew(
     def improved(i: int) -> OptimizationRequest | None:
         situation, others = solutions[i].situation, [*solutions[:i], *solutions[i + 1 :]]
         here = situation.of(work.task)
-        motions = [_led(here, situation.initial_state, each.distribution) for each in others]
+        motions = [
+            _follow_feedback_law(here, situation.initial_state, each.distribution)
+            for each in others
+        ]
         best = min(motions, key=partial(_whole_cost, here), default=None)
         if best is None or _whole_cost(here, best) >= solutions[i].cost - _BETTER * usual:
             return None
@@ -295,7 +298,7 @@ def _first_motion(
 
     own = motion(start, situation.context)
     if not signals.names:
-        known = [_led(here, start, each.distribution) for each in solutions]
+        known = [_follow_feedback_law(here, start, each.distribution) for each in solutions]
         own = min([own, *known], key=partial(_whole_cost, here))
     if _stays_up(task, own):
         return own
@@ -314,8 +317,8 @@ def _whole_cost(task: Task, motion: Trajectory) -> float:
     return float(task.cost.values(motion).sum()) if _stays_up(task, motion) else float("inf")
 
 
-def _led(task: Task, start: Array, q: TrajectoryDistribution) -> Trajectory:
-    """Returns a motion that the law of a q(ζ) leads, and that then is at rest where it arrives.
+def _follow_feedback_law(task: Task, start: Array, q: TrajectoryDistribution) -> Trajectory:
+    """Follows the feedback law of a q(ζ), then holds still where it arrives.
 
     The law goes on from the step at which the policy would read most alike. The rest need not be
     feasible. The last steps' law is left out, since it holds little.

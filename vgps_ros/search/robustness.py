@@ -33,9 +33,9 @@ from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import (
     body_number,
+    can_slide_on_ground,
     disturbed,
     draw_disturbance,
-    may_rub,
     on_dynamics,
 )
 
@@ -174,7 +174,7 @@ def robustness(
             is_calm_enough = tried("", 0.0)[share][-1] >= ENOUGH
             found[kind] |= {
                 share: shares,
-                enough: _borne(ordered, shares, calm) if is_calm_enough else None,
+                enough: _tolerated_pushes(ordered, shares, calm) if is_calm_enough else None,
             }
             if task.signals.commands:
                 found[kind][f"{share}_interval"] = [one[f"{share}_interval"][-1] for one in each]
@@ -184,7 +184,7 @@ def robustness(
 def suits(task: Task, kind: str, body: str = "") -> bool:
     """Returns whether a kind of disturbance can be tried on a robot at all."""
     if kind in ("frictions", "contacts"):
-        return may_rub(task.dynamics.model)
+        return can_slide_on_ground(task.dynamics.model)
     if kind in _IN_JOINTS:
         return bool(getattr(task.dynamics.model, _IN_JOINTS[kind]).any())
     if kind == "slopes":
@@ -307,7 +307,7 @@ def _with_default_contacts(task: Task) -> Task:
     Raises:
         InvalidInputError: no two geoms of the robot touch with friction.
     """
-    if not may_rub(task.dynamics.model):
+    if not can_slide_on_ground(task.dynamics.model):
         raise InvalidInputError(
             f"The contacts shall be MuJoCo's, but no two geoms of the robot of {task.name} can "
             "touch with friction; leave out --contacts."
@@ -334,7 +334,7 @@ def _by_another_engine(task: Task) -> Task:
     return on_dynamics(task, Dynamics(model, 2 * task.dynamics.substeps))
 
 
-def _borne(values: Sequence[float], shares: Sequence[float], calm: float) -> list[float]:
+def _tolerated_pushes(values: Sequence[float], shares: Sequence[float], calm: float) -> list[float]:
     """Returns the range around no disturbance, which is borne, in which all values are borne."""
     pairs = list(zip(values, shares, strict=True))
 

@@ -64,8 +64,8 @@ class Tried:
         mine, theirs = (self.success, -self.loss), (other.success, -other.loss)
         return mine >= theirs
 
-    def told(self, task: Task, settings: SearchSettings) -> str:
-        """Returns what it did, as the predicate of a sentence."""
+    def summary(self, task: Task, settings: SearchSettings) -> str:
+        """Returns a summary: a sentence without its subject."""
         if task.signals.commands:
             done = f"obeyed in {100 * self.success:.0f} %"
             pushed = " with pushes" if settings.renew.push else ""
@@ -75,7 +75,7 @@ class Tried:
         return f"{up}cost {self.loss:.3g} in each step {of}"
 
 
-def is_tried(settings: SearchSettings, k: int) -> bool:
+def is_evaluated(settings: SearchSettings, k: int) -> bool:
     """Returns whether the policy of iteration k is tried."""
     return settings.renew.share > 0.0 and settings.keep.rollouts > 0 and 2 * k > settings.iterations
 
@@ -98,7 +98,7 @@ def sound_step(
         fitted: the policy with which it ends.
         k: the iteration.
     """
-    if not is_tried(settings, k):
+    if not is_evaluated(settings, k):
         return fitted
     least = tried(task, settings, seed, before, k).success - _LOST
     change = fitted.parameters - before.parameters

@@ -44,7 +44,7 @@ class SolverProcesses:
     def __exit__(
         self, kind: type[BaseException] | None, value: object, trace: TracebackType | None
     ) -> None:
-        if kind is not None:  # nobody waits for what is being solved
+        if kind is not None:  # cancel running solves
             for process in list(self._pool._processes.values()):
                 process.terminate()
         self._pool.shutdown(cancel_futures=True)

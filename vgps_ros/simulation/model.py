@@ -127,7 +127,7 @@ def check_supported(model: mujoco.MjModel) -> None:
 
     Raises:
         InvalidInputError: the model has no joint or no actuator, or remembers more, or lets bodies
-            sleep, or a range's ends are exchanged.
+            sleep, or a range's ends are swapped.
     """
     if not (model.nv and model.nu):
         raise InvalidInputError(
@@ -140,7 +140,7 @@ def check_supported(model: mujoco.MjModel) -> None:
             "values, but no more than positions, velocities and activations can be optimised."
         )
     _check_awake(model)
-    # For a range whose ends are exchanged MuJoCo would set no limit.
+    # For a range whose ends are swapped MuJoCo would set no limit.
     for owner, count, names in (
         ("actuator", model.nu, ("ctrlrange", "forcerange")),
         ("joint", model.njnt, ("range", "actfrcrange")),

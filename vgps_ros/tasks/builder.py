@@ -12,7 +12,7 @@ import msgspec
 import mujoco
 import numpy as np
 
-from vgps_ros.core.augmentation import Augmentation, Mirror, exchanged
+from vgps_ros.core.augmentation import Augmentation, Mirror, swap_parts
 from vgps_ros.core.checks import known, matching, quoted
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
@@ -31,7 +31,7 @@ from vgps_ros.simulation.model import (
 )
 from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.first_motion import Drawn, keyframe, posed, with_beginning
+from vgps_ros.tasks.first_motion import Drawn, keyframe, pose_data, with_beginning
 from vgps_ros.tasks.motion_table import read_columns
 from vgps_ros.tasks.schema import (
     Changes,
@@ -248,7 +248,7 @@ class _Reader:
         def places(among: list[str]) -> list[int]:
             found = []
             for name in among:
-                other = exchanged(name, entry.swap)
+                other = swap_parts(name, entry.swap)
                 self.document.refuse(
                     other not in among or signs[other] != signs[name],
                     ("mirror",),
@@ -411,7 +411,7 @@ def _add_controls(
     for name, weight in zip(chosen, each, strict=True):
         weights[actuators.index(name)] += weight
     if term.pose is not None:
-        data = posed(read.model, start, term.pose, read.document, (*place, "pose"))
+        data = pose_data(read.model, start, term.pose, read.document, (*place, "pose"))
         for name in chosen:
             poses[actuators.index(name)] = data.actuator_length[actuators.index(name)]
 

@@ -48,7 +48,7 @@ def disturbed(task: Task, disturbance: Disturbance) -> Task:
         return task
     model = task.dynamics.model
     body = body_number(task, disturbance.body)
-    if disturbance.friction != 1.0 and not may_rub(model):
+    if disturbance.friction != 1.0 and not can_slide_on_ground(model):
         raise InvalidInputError(
             f"The friction of contacts shall change by the factor {disturbance.friction:.3g}, but "
             f"no two geoms of the robot of {task.name} can touch with friction; leave out "
@@ -239,7 +239,7 @@ def body_names(mjcf: str) -> list[str]:
     return [model.body(i).name for i in range(model.nbody)]
 
 
-def may_rub(model: mujoco.MjModel) -> bool:
+def can_slide_on_ground(model: mujoco.MjModel) -> bool:
     """Returns whether two geoms of a model may touch with friction by their bits."""
     if model.opt.disableflags & (_DISABLED.mjDSBL_CONTACT | _DISABLED.mjDSBL_CONSTRAINT):
         return False

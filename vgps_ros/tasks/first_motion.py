@@ -310,7 +310,7 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     """
     model: mujoco.MjModel = task.dynamics.model
     place = ("begin", "pose")
-    data = posed(model, task.initial_state, begin.pose or "start", document, place)
+    data = pose_data(model, task.initial_state, begin.pose or "start", document, place)
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     joints = np.where(of_joint, model.actuator_trnid[:, 0], 0)
     of_joint &= model.jnt_type[joints] >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # or a hinge
@@ -346,7 +346,7 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
 def _lift(data: mujoco.MjData, strength: Array) -> Array:
     """Returns the controls with which actuators hold up what they pull at, shape (n_u,).
 
-    Those of no strength do not count.
+    Actuators with zero gain are skipped.
     """
     model = data.model
     moment = np.zeros((model.nu, model.nv))
@@ -358,7 +358,7 @@ def _lift(data: mujoco.MjData, strength: Array) -> Array:
     return held
 
 
-def posed(
+def pose_data(
     model: mujoco.MjModel, start: Array, pose: Pose, document: Document, place: Place
 ) -> mujoco.MjData:
     """Returns the data of a pose: the start, a keyframe, or the start but for some joints.

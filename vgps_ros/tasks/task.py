@@ -73,7 +73,7 @@ class FirstMotion(Protocol):
     ) -> Nominal:
         """Returns a motion of so many steps from x_1, shape (n_x,), in the task's context.
 
-        Once it is cancelled it may be as poor as it likes.
+        After cancellation any motion may be returned.
 
         Raises:
             DivergenceError: a recorded motion cannot be followed.

@@ -126,7 +126,7 @@ class Document:
 
     @contextmanager
     def at(self, place: Place) -> Iterator[None]:
-        """Lets the errors of a block begin with file, line and key of an entry."""
+        """Prefixes errors within the block with file, line and key of an entry."""
         try:
             yield
         except InvalidInputError as error:

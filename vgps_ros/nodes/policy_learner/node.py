@@ -42,7 +42,7 @@ from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK
 
-_PATIENCE = 0.2  # for readers that have not taken the policy before [s]
+_PATIENCE = 0.2  # to wait for late subscribers [s]
 
 _TRAINING = "training"  # key of a value on /diagnostics: how far it is
 

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.tasks.robot_kind import FREE, SLIDE, Robot
+from vgps_ros.wizard.robot import FREE, SLIDE, Robot
 
 _PERIOD = 0.1125  # of control, of √(l/g)
 _STEPS_A_PERIOD = 4  # of the simulator
 _HORIZON, _LOOKAHEAD = 50, 25  # [control periods]
 _MOTION, _SELECTION = 400, 500  # of the policy: for new situations, and to be chosen [periods]
-_SINKING = .035  # depth to which the weight sinks into the ground, of l
-_CONTACT_WIDTH = .03  # depth at which contact is fully hard, of l
+_SINKING = 0.035  # depth to which the weight sinks into the ground, of l
+_CONTACT_WIDTH = 0.03  # depth at which contact is fully hard, of l
 _LIMIT = 0.23  # time constant of a joint's limit, of √(l/g)
 _SERVO_DAMPING, _SERVO_ARMATURE = 0.29, 0.034  # of its limit and √(l/g), l/g
 _TURN = 0.14  # fastest turning, of √(g/l)

@@ -4,7 +4,7 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from vgps_ros.search.cost_weighted import cost_weights, weighted_targets
+from vgps_ros.search.comparators.cost_weighted import cost_weights, weighted_targets
 from vgps_ros.search.workspace import Rollouts
 
 

@@ -7,10 +7,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.bounded_step import LinearPolicy, bounded_step, divergence, followed
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import Spread
 from vgps_ros.core.records import CostExpansion, LinearDynamics
+from vgps_ros.search.comparators.bounded_step import (
+    LinearPolicy,
+    bounded_step,
+    divergence,
+    followed,
+)
 
 T, N_X, N_U = 8, 3, 2
 LAXNESS = 1e-6  # by which a divergence may pass its bound [nat]

@@ -6,7 +6,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.dynamics import StateSpace
-from vgps_ros.core.fitted_dynamics import Mixture, fitted_dynamics, mean_trajectory, transitions
+from vgps_ros.search.comparators.fitted_dynamics import (
+    Mixture,
+    fitted_dynamics,
+    mean_trajectory,
+    transitions,
+)
 
 T, N_X, N_U = 6, 3, 2
 SPACE = StateSpace(N_X)

@@ -9,7 +9,7 @@ from scipy.stats import norm
 
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.search import gps
-from vgps_ros.search.gps import (
+from vgps_ros.search.comparators.gps import (
     ImportanceSamples,
     estimated_cost,
     guided_objective,

@@ -29,11 +29,9 @@ from functools import partial
 
 import numpy as np
 
-from vgps_ros.core.bounded_step import BoundedStep, LinearPolicy, bounded_step
 from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.fitted_dynamics import Mixture, fitted_dynamics, mean_trajectory, transitions
 from vgps_ros.core.marginals import (
     Spread,
     sample_deviations,
@@ -51,6 +49,13 @@ from vgps_ros.core.records import (
     TrajectoryDistribution,
 )
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.search.comparators.bounded_step import BoundedStep, LinearPolicy, bounded_step
+from vgps_ros.search.comparators.fitted_dynamics import (
+    Mixture,
+    fitted_dynamics,
+    mean_trajectory,
+    transitions,
+)
 from vgps_ros.search.rollouts import Executions, Rollouts, roll_out
 from vgps_ros.search.situations import Situation, situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult

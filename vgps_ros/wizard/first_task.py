@@ -2,8 +2,8 @@
 """Writes a first task file for a robot, with comments that say what to change.
 
 What it does not know, the file says. Here are the facts about the robot that a task needs; what the
-robot is for is found in `robot_kind`, and the lines that the facts pick and fill stand in
-`new_task.template`.
+robot is for is found in `robot`, and the lines that the facts pick and fill stand in
+`first_task.template`.
 """
 
 import json
@@ -16,32 +16,32 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.augmentation import exchanged
+from vgps_ros.core.augmentation import swap_parts
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import joint_names
-from vgps_ros.tasks.legged_scale import legged_numbers, servo_numbers, strongest
-from vgps_ros.tasks.robot_kind import (
+from vgps_ros.tasks.schema import MOST_CONTACTS
+from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, strongest
+from vgps_ros.wizard.robot import (
     BALL,
     HINGE,
     SLIDE,
     Robot,
     bottoms_of,
     finger_count,
+    free_object_joint,
     ground_of,
     ground_planes,
+    has_motors_too_strong,
     legs_of,
-    recognised,
-    shakes_its_legs,
+    recognise_robot,
     swing_time,
-    thing_beside,
     touching_geoms,
     weak_motors,
 )
-from vgps_ros.tasks.schema import MOST_CONTACTS
 
-_TEMPLATE = Path(__file__).with_name("new_task.template")
+_TEMPLATE = Path(__file__).with_name("first_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
@@ -70,18 +70,18 @@ def first_task_file(
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    robot = replace(recognised(model))
+    robot = replace(recognise_robot(model))
     if former.nu > model.nu:
         largest = controls_of(former).largest
         pairs = zip(former.actuator_trntype, former.actuator_trnid[:, 0], largest, strict=True)
         at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
         robot.strengths = {name: float(force) for name, force in at_joint if force < CONTROL_BOUND}
     facts: dict[str, Any] = dict.fromkeys(_EDITS) | changes
-    facts |= _facts(robot, former.nu) | {"schema": schema, "model": reference}
+    facts |= _template_values(robot, former.nu) | {"schema": schema, "model": reference}
     locks = changes.get("joints", {}).items()
     facts["locks"] = [f"{_flow(name)}: {_flow(values)}" for name, values in locks]
     facts["jointed"] = facts["locks"] or facts["limits"]
-    facts["shaken"] = former.nu > model.nu and shakes_its_legs(former)
+    facts["shaken"] = former.nu > model.nu and has_motors_too_strong(former)
     facts["changes"] = any(facts[name] for name in _CHANGES)
     said = {key: value if isinstance(value, str) else _flow(value) for key, value in facts.items()}
     lines = list[str]()
@@ -115,10 +115,10 @@ def _flow(value: Any, digits: int = 3) -> str:
     return re.sub(r"^(-?\d+)e", r"\1.0e", number)
 
 
-def _facts(robot: Robot, actuators: int) -> dict[str, Any]:
+def _template_values(robot: Robot, actuators: int) -> dict[str, Any]:
     """Returns the facts of which the template speaks; one that is left out counts as false."""
     model, legs = robot.model, bool(robot.feet)
-    numbers = legged_numbers(robot) if legs else _numbers(robot)
+    numbers = legged_numbers(robot) if legs else _general_numbers(robot)
     base = "free" if robot.is_free else "sliding" if robot.base else "fixed"
     moved = robot.moved()
     listed = {
@@ -133,32 +133,32 @@ def _facts(robot: Robot, actuators: int) -> dict[str, Any]:
         "weightless": robot.base and not robot.gravity,
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},
-        "goes_on": bool(robot.base) or _swings(robot),  # after its horizon, as it is trained to
+        "goes_on": bool(robot.base) or _swings_up(robot),  # after its horizon, as it is trained to
         "keyframe": None if robot.key is None else listed["keyframes"][robot.key],
         "moved": _flow(moved, 5) if moved else "",
-        "seeks": (seeks := _seeks(robot)),
+        "seeks": (seeks := _has_target(robot)),
         "measured": seeks or (legs and robot.is_free),
         "swims": "reach what is called target" if seeks else f"go along {robot.forward[0]}",
-        "varied": _varied(robot),
-        "observed": _observed(robot),
+        "varied": _start_spread(robot),
+        "observed": _observations(robot),
         **{name.upper(): _flow(robot.new_sensor(name)) for name in _SENSORS},
         **numbers,
         **{time: f"{numbers[time]:g}" for time in ("step", "period", "horizon", "lookahead")},
-        **_changes(robot, numbers),
-        **_scored(robot, numbers),
-        **_begin(robot),
-        **(_signals(robot) if legs else {}),
+        **_model_changes(robot, numbers),
+        **_cost_values(robot, numbers),
+        **_first_motion_values(robot),
+        **(_command_values(robot) if legs else {}),
     }
 
 
-def _numbers(robot: Robot) -> dict[str, Any]:
+def _general_numbers(robot: Robot) -> dict[str, Any]:
     """Returns the times and the spread of a robot without legs."""
     step, is_swimmer = robot.model.opt.timestep, robot.kind == "swimmer"
     period = _whole(_PERIOD if is_swimmer or robot.kind == "pendulum" else 0.01, step)
     planned = swing_time(robot) if robot.kind == "pendulum" else 2.0
-    swings = 0.75 * planned if _swings(robot) else 0.0  # a plan's end needs no feedback
+    swings = 0.75 * planned if _swings_up(robot) else 0.0  # a plan's end needs no feedback
     horizon = _whole(3.0 if is_swimmer else swings or planned, period)
-    same = [] if _seeks(robot) else robot.cyclic_places()
+    same = [] if _has_target(robot) else robot.cyclic_places()
     return {
         "step": step,
         "period": period,
@@ -166,7 +166,7 @@ def _numbers(robot: Robot) -> dict[str, Any]:
         "twice": 2 * (planned if swings else horizon),
         "lookahead": _whole(1.0 if is_swimmer else 0.5 if robot.base else planned / 4, period),
         "std": {"position": 0.01, "velocity": 0.1, "overrides": dict.fromkeys(same, 0.0)},
-        "soft": float(f"{_soft(robot):.2g}"),
+        "soft": float(f"{_contact_time(robot):.2g}"),
         "contact_width": 0.02,
         "soft_limit": 0.04,
         "lifts": 10.0,
@@ -174,7 +174,7 @@ def _numbers(robot: Robot) -> dict[str, Any]:
     }
 
 
-def _changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
+def _model_changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
     """Returns what is changed of the model."""
     model, option, step = robot.model, robot.model.opt, numbers["step"]
     touches = bool(not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT)
@@ -211,14 +211,14 @@ def _changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
         "motors": motors,
         "servos": bool(robot.feet) or robot.strengths is not None,
-        "only": _contacts(robot) if touches else None,
+        "only": _foot_contacts(robot) if touches else None,
     }
 
 
-def _contacts(robot: Robot) -> list[list[str]]:
+def _foot_contacts(robot: Robot) -> list[list[str]]:
     """Returns the pairs of a ground and a foot, if all have names and nothing else moves."""
     model = robot.model
-    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `things_beside_legs` leaves
+    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `objects_beside_legs` leaves
         return []
     feet = np.isin(model.geom_bodyid, model.geom_bodyid[robot.feet])
     feet &= bottoms_of(robot) < ground_of(robot) + 0.1 * robot.leg
@@ -230,22 +230,22 @@ def _contacts(robot: Robot) -> list[list[str]]:
     return pairs if all(map(all, sides)) and len(pairs) <= MOST_CONTACTS else []
 
 
-def _signals(robot: Robot) -> dict[str, Any]:
+def _command_values(robot: Robot) -> dict[str, Any]:
     """Returns what a robot with legs is told: commands, the clock of its gait, and its mirror."""
     return {
         "sideways": robot.is_free and robot.forward[0] == "x",
         "turns": robot.is_free,
         # The cheaper a late control is, the wilder would be its noise, which learning must hear
         # the motion through.
-        "alphas": [scale * _leads(robot).max(initial=1.0) for scale in (0.4, 1.2)],
+        "alphas": [scale * _lag_gains(robot).max(initial=1.0) for scale in (0.4, 1.2)],
         "mirror": _mirror(robot),
     }
 
 
-def _leads(robot: Robot) -> Array:
-    """Returns how far each control leads what it brings about, squared, at the clock's rate.
+def _lag_gains(robot: Robot) -> Array:
+    """Returns the squared gain that compensates each actuator's lag at the clock's rate.
 
-    One that acts late has to lead by more, the faster the robot steps.
+    An actuator that lags needs larger commands, the faster the robot steps.
     """
     rate = legged_numbers(robot)["rate"] if robot.feet else 0.0
     kinds, numbers = robot.model.actuator_dyntype, robot.model.actuator_dynprm
@@ -253,11 +253,11 @@ def _leads(robot: Robot) -> Array:
     return np.asarray(1.0 + (2 * np.pi * rate * np.where(lags, numbers[:, 0], 0.0)) ** 2)
 
 
-def _scored(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
+def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
     """Returns what is measured and scored, by the sensors that are added."""
     model, data, legs, leg = robot.model, robot.data, bool(robot.feet), robot.leg
     axis, sign = robot.forward
-    reached, leans = _reached(robot), _leans(robot)
+    reached, leans = _target_sensor(robot), _tilt_axes(robot)
     goes = legs or (bool(robot.base) and reached is None)
     own = data.geom_xpos[robot.in_tree(model.geom_bodyid)]
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
@@ -304,21 +304,21 @@ def _scored(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "feet": feet,
         "steps": [*steps, *slips, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
         "reached": reached,
-        "ways": _ways(robot) if reached else [],
-        "pull": 4.0 / max(length, _away(robot)) ** 2 if robot.base else 20,
-        "turned": None if (turned := _turned(robot)) is None else model.joint(turned).name,
+        "ways": _motion_axes(robot) if reached else [],
+        "pull": 4.0 / max(length, _target_distance(robot)) ** 2 if robot.base else 20,
+        "turned": None if (turned := _hinge_to_turn(robot)) is None else model.joint(turned).name,
         "balls": balls,
         "axes": [
             f"{_flow(robot.new_sensor(f'{name}_axis'))}: {_flow(axis.sensor)}"
-            for name, axis in _upright(robot).items()
+            for name, axis in _upright_axes(robot).items()
         ],
-        "added": goes or reached or balls or leans or bool(_upright(robot)),
-        "pose": [] if robot.base else [_flow(term) for term in _pose_cost(robot)],
-        "controls": [_flow(term) for term in _control_cost(robot)],
+        "added": goes or reached or balls or leans or bool(_upright_axes(robot)),
+        "pose": [] if robot.base else [_flow(term) for term in _pose_terms(robot)],
+        "controls": [_flow(term) for term in _control_terms(robot)],
     }
 
 
-def _begin(robot: Robot) -> dict[str, Any]:
+def _first_motion_values(robot: Robot) -> dict[str, Any]:
     """Returns which first motion it gets, one of five."""
     controls = controls_of(robot.model) if robot.model.nu else None
     is_servo = controls is not None and set(controls.kinds) == {ControlKind.POSITION}
@@ -328,8 +328,8 @@ def _begin(robot: Robot) -> dict[str, Any]:
     share = 0.7 if robot.kind == "swimmer" else 0.2
     std = np.where(np.isfinite(high) & (high > 0), share * high, 1.0).tolist()
     sampled = robot.hops and bool((np.isfinite(high) & (high > 0)).all())
-    swings = _swings(robot)
-    ends = _ends(robot) if is_servo else {}
+    swings = _swings_up(robot)
+    ends = _joint_goals(robot) if is_servo else {}
     return {
         "hops": robot.hops,
         "path": path,
@@ -338,7 +338,7 @@ def _begin(robot: Robot) -> dict[str, Any]:
         "goal": ends or "",
         "noise": None if held or swings else std if len({*std}) > 1 else std[0],
         "swings": swings,
-        "renews": swings or _seeks(robot),
+        "renews": swings or _has_target(robot),
         "while": 0.1 if robot.kind == "swimmer" else 0.3,
     }
 
@@ -388,14 +388,14 @@ def _mirror(robot: Robot) -> list[str]:
             flips += [one] if one and one not in flips and image @ axes[k] < 0 else []
     up, turning, velocity = (robot.new_sensor(name) for name in ("up", "turning", "velocity"))
     pairs |= {up: up, turning: turning}
-    if any(exchanged(a, sorted(swaps)) != b for a, b in pairs.items()):
+    if any(swap_parts(a, sorted(swaps)) != b for a, b in pairs.items()):
         return []
     flips += [f"{velocity}/y"] if robot.is_biped else []
     flips += [f"{up}/y", f"{turning}/[xz]", "command/sideways", "command/turn", "clock/*"]
     return [f"swap: {_flow([list(pair) for pair in sorted(swaps)])}", f"flip: {_flow(flips)}"]
 
 
-def _leans(robot: Robot) -> list[int]:
+def _tilt_axes(robot: Robot) -> list[int]:
     """Returns the numbers of the vertical that change when the robot leans, such as x and y."""
     if not robot.base or not robot.gravity or (robot.kind == "swimmer" and not robot.is_free):
         return []
@@ -425,12 +425,12 @@ def _target(robot: Robot) -> tuple[str, str, Array] | None:
     return None
 
 
-def _reached(robot: Robot) -> dict[str, Any] | None:
+def _target_sensor(robot: Robot) -> dict[str, Any] | None:
     """Returns the sensor of how far something is from the model's target, if it shall get there.
 
     That is an object beside an arm, or else its tip; and a swimmer, where the target is near.
     """
-    model, target, thing = robot.model, _target(robot), thing_beside(robot)
+    model, target, thing = robot.model, _target(robot), free_object_joint(robot)
     own = np.flatnonzero(robot.in_tree(model.geom_bodyid))
     if target is None or robot.kind not in ("arm", "hand", "swimmer") or not own.size:
         return None
@@ -446,14 +446,14 @@ def _reached(robot: Robot) -> dict[str, Any] | None:
     return None if is_turned else {"type": "framepos", "xbody": body} | goal
 
 
-def _seeks(robot: Robot) -> bool:
+def _has_target(robot: Robot) -> bool:
     """Returns whether it swims to a target, from wherever it is."""
-    return bool(robot.base) and _reached(robot) is not None
+    return bool(robot.base) and _target_sensor(robot) is not None
 
 
-def _varied(robot: Robot) -> dict[str, Any]:
+def _start_spread(robot: Robot) -> dict[str, Any]:
     """Returns how the starts differ from which a swimmer learns to turn to its target."""
-    spread, half = dict[str, float](), _away(robot) / 2
+    spread, half = dict[str, float](), _target_distance(robot) / 2
     for name, kind in ((robot.model.joint(j).name, robot.model.jnt_type[j]) for j in robot.base):
         if robot.is_free:
             spread |= {f"{name}/[xyz]": half, f"{name}/r?": 1.0}
@@ -462,48 +462,52 @@ def _varied(robot: Robot) -> dict[str, Any]:
     return {"position": 0.2, "velocity": 0.1, "overrides": spread}
 
 
-def _away(robot: Robot) -> float:
+def _target_distance(robot: Robot) -> float:
     """Returns how far its target is, or 1 without one [m]."""
     target = _target(robot)
     return float(np.linalg.norm(target[2] - robot.data.xpos[robot.root])) if target else 1.0
 
 
-def _carries(robot: Robot) -> bool:
+def _carries_object(robot: Robot) -> bool:
     """Returns whether it brings a thing that falls to the target."""
-    return bool(robot.gravity) and _reached(robot) is not None and thing_beside(robot) is not None
+    return (
+        bool(robot.gravity)
+        and _target_sensor(robot) is not None
+        and free_object_joint(robot) is not None
+    )
 
 
-def _swings(robot: Robot) -> bool:
+def _swings_up(robot: Robot) -> bool:
     """Returns whether it swings itself, or a thing beside it that it catches or turns."""
-    return robot.kind == "pendulum" or _carries(robot) or _turned(robot) is not None
+    return robot.kind == "pendulum" or _carries_object(robot) or _hinge_to_turn(robot) is not None
 
 
-def _turned(robot: Robot) -> int | None:
+def _hinge_to_turn(robot: Robot) -> int | None:
     """Returns the hinge of a thing beside it, which it shall turn, since only touch moves it."""
-    model, thing = robot.model, thing_beside(robot)
+    model, thing = robot.model, free_object_joint(robot)
     if thing is None or model.jnt_type[thing] != HINGE:
         return None
     own = model.geom_bodyid == model.jnt_bodyid[thing]
     is_touched = bool((own & touching_geoms(model)).any())
-    return thing if is_touched and not robot.base and _reached(robot) is None else None
+    return thing if is_touched and not robot.base and _target_sensor(robot) is None else None
 
 
-def _soft(robot: Robot) -> float:
+def _contact_time(robot: Robot) -> float:
     """Returns a time constant of contact that can be differentiated [s].
 
     What lies on something sinks in by g τ², which may be a tenth of the size of a thing that is to
     be caught, or of the height of a robot.
     """
-    model, thing = robot.model, thing_beside(robot)
+    model, thing = robot.model, free_object_joint(robot)
     size = robot.height or np.inf
-    if thing is not None and _carries(robot):
+    if thing is not None and _carries_object(robot):
         own = (model.geom_bodyid == model.jnt_bodyid[thing]) & touching_geoms(model)
         size = float(model.geom_size[own, 0].min(initial=np.inf))
     least = 2.0 * model.opt.timestep  # below which MuJoCo's contact is unstable
     return float(np.clip(np.sqrt(0.1 * size / (robot.gravity or 9.81)), min(least, 0.04), 0.04))
 
 
-def _ways(robot: Robot) -> list[str]:
+def _motion_axes(robot: Robot) -> list[str]:
     """Returns the axes along which anything that joints carry can move, as all but y in a plane."""
     model, data = robot.model, mujoco.MjData(robot.model)
     rng, places = np.random.default_rng(0), []
@@ -514,7 +518,7 @@ def _ways(robot: Robot) -> list[str]:
     return ["xyz"[i] for i in np.flatnonzero(np.ptp(places, axis=0).max(axis=0) > 1e-6)]
 
 
-def _turning(robot: Robot) -> list[int]:
+def _endless_hinges(robot: Robot) -> list[int]:
     """Returns the hinges of a pendulum that turn without end, so that sine and cosine count."""
     is_one = robot.kind == "pendulum"
     return [j for j in robot.hinges if is_one and not robot.model.jnt_limited[j]]
@@ -535,7 +539,7 @@ class _Axis:
     weight: float
 
 
-def _upright(robot: Robot) -> dict[str, _Axis]:
+def _upright_axes(robot: Robot) -> dict[str, _Axis]:
     """Returns what of a pendulum's links shall stand, by the hinge of each.
 
     A link's direction in the world counts, not the angle of its hinge: so a link at the end of
@@ -546,7 +550,7 @@ def _upright(robot: Robot) -> dict[str, _Axis]:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     found = dict[int, tuple[str, Array, float]]()
-    turning = _turning(robot)
+    turning = _endless_hinges(robot)
     for j in turning:
         body = int(model.jnt_bodyid[j])
         axes = data.xmat[body].reshape(3, 3).T
@@ -572,15 +576,15 @@ def _upright(robot: Robot) -> dict[str, _Axis]:
     }
 
 
-def _pose_cost(robot: Robot) -> list[dict[str, Any]]:
+def _pose_terms(robot: Robot) -> list[dict[str, Any]]:
     """Returns the cost of a robot that stays in its place: its goal, and rest there.
 
     What it shall do to a thing beside it is not known: as a guess, it turns it.
     """
-    model, terms, thing = robot.model, list[dict[str, Any]](), thing_beside(robot)
-    has_target, is_pendulum = _reached(robot) is not None, robot.kind == "pendulum"
+    model, terms, thing = robot.model, list[dict[str, Any]](), free_object_joint(robot)
+    has_target, is_pendulum = _target_sensor(robot) is not None, robot.kind == "pendulum"
     is_turned = thing is not None and model.jnt_type[thing] != SLIDE and not has_target
-    turning, upright = _turning(robot), _upright(robot)
+    turning, upright = _endless_hinges(robot), _upright_axes(robot)
     for name, axis in upright.items():
         stands = {"sensor": robot.new_sensor(f"{name}_axis"), "target": axis.target}
         terms.append(stands | {"weight": axis.weight})
@@ -603,14 +607,14 @@ def _pose_cost(robot: Robot) -> list[dict[str, Any]]:
     return terms
 
 
-def _ends(robot: Robot) -> dict[str, float]:
+def _joint_goals(robot: Robot) -> dict[str, float]:
     """Returns where the joints shall go that are scored by their positions."""
-    terms = [] if robot.base else _pose_cost(robot)
+    terms = [] if robot.base else _pose_terms(robot)
     sought = {term["sensor"].partition("/position"): term.get("target", 0.0) for term in terms}
     return {name: goal for (name, part, _), goal in sought.items() if part}
 
 
-def _control_cost(robot: Robot) -> list[dict[str, Any]]:
+def _control_terms(robot: Robot) -> list[dict[str, Any]]:
     """Returns the cost of controls: each weighs the same at its own limit, of a servo its force.
 
     Of one that acts late what it brings about is scored, not how far it leads.
@@ -629,7 +633,7 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     there.qpos[:] = robot.goal
     mujoco.mj_forward(model, there)
     ways = np.abs(there.actuator_length - robot.data.actuator_length)
-    pose = _ends(robot) or "start"
+    pose = _joint_goals(robot) or "start"
     for i, (kind, high) in enumerate(zip(controls.kinds, controls.limits[1], strict=True)):
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0
@@ -638,7 +642,7 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
             limit = force / controls.stiffness[i] if force < 1e6 else _UNKNOWN_REACH
             limit = limit if robot.feet else min(limit, 1.0)
             limit = min(max(limit, ways[i]), np.ptp(controls.limits, axis=0)[i] / 2)  # goes there
-        weight = f"{strong / limit**2 / _leads(robot)[i]:.2g}"
+        weight = f"{strong / limit**2 / _lag_gains(robot)[i]:.2g}"
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
     return [
         {"control": "all" if len(groups) == 1 else names}
@@ -648,14 +652,14 @@ def _control_cost(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _observed(robot: Robot) -> list[Any]:
+def _observations(robot: Robot) -> list[Any]:
     model, entries = robot.model, list[Any]()
-    endless = [j for j in (_turned(robot),) if j is not None and not model.jnt_limited[j]]
-    turning = [model.joint(j).name for j in [*_turning(robot), *endless]]
+    endless = [j for j in (_hinge_to_turn(robot),) if j is not None and not model.jnt_limited[j]]
+    turning = [model.joint(j).name for j in [*_endless_hinges(robot), *endless]]
     cyclic = {name.rpartition("/")[0] for name in robot.cyclic_places()}
     out = [name for name in joint_names(model) if name in cyclic or name in turning]
     carried = [model.joint(j).name for j in robot.base if model.jnt_type[j] >= SLIDE]
-    unread = carried if (seeks := _seeks(robot)) else []  # it sees where the target is
+    unread = carried if (seeks := _has_target(robot)) else []  # it sees where the target is
     for kind, names in (("positions", unread or out), ("velocities", unread)):
         if len(names) < len(joint_names(model)):
             key = f"joint_{kind}"
@@ -666,7 +670,7 @@ def _observed(robot: Robot) -> list[Any]:
             *(robot.new_sensor(name) for name in ("velocity", "turning", "to_target")),
         ]
     entries += [{"joint": name, "as": "sin_cos"} for name in turning]
-    entries += [robot.new_sensor("up")] if robot.is_free and _leans(robot) else []
+    entries += [robot.new_sensor("up")] if robot.is_free and _tilt_axes(robot) else []
     if robot.is_free and robot.feet:
         entries.append(robot.new_sensor("turning"))
         entries += [robot.new_sensor("velocity")] if robot.is_biped else []
@@ -675,7 +679,7 @@ def _observed(robot: Robot) -> list[Any]:
         entries += [*(f"{joint}/{rate}" for rate in ("z", "vx", "vy", "vz")), *_rates(joint)]
     for name in _balls(robot):
         entries += [robot.new_sensor(name + "_turn"), *_rates(name)]
-    entries += [robot.new_sensor("to_target")] if _reached(robot) else []
+    entries += [robot.new_sensor("to_target")] if _target_sensor(robot) else []
     lagging = (model.actuator(int(i)).name for i in np.flatnonzero(model.actuator_actnum == 1))
     entries += [f"{name}/activation" for name in lagging]
     entries += ["commands", "clock"] if robot.feet else []

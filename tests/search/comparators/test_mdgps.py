@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.bounded_step import LinearPolicy, divergence
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.settings import with_values
 from vgps_ros.search import mdgps
+from vgps_ros.search.comparators.bounded_step import LinearPolicy, divergence
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all

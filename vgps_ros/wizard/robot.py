@@ -45,7 +45,7 @@ class Robot:
     @property
     def leg(self) -> float:
         """The height of its hips [m], by which speeds, steps and weights scale."""
-        first = (_bending(self, leg)[:1] for leg in legs_of(self))
+        first = (_bending_joints(self, leg)[:1] for leg in legs_of(self))
         hips = [self.data.xanchor[j][2] for joints in first for j in joints]
         return max([h - ground_of(self) for h in hips], default=self.height)
 
@@ -79,7 +79,7 @@ class Robot:
     def is_biped(self) -> bool:
         """Whether it has two feet, of which none stands a leg's length before the other.
 
-        It may fall over them; one before the other, as a cheetah's, is no such stance.
+        Only feet side by side count, not one before the other as of a cheetah.
         """
         places = self.data.geom_xpos[self.feet] @ self.frame[:, "xyz".index(self.forward[0])]
         return len(places) == 2 and bool(abs(places[0] - places[1]) < self.leg)
@@ -152,19 +152,19 @@ class Robot:
         return found
 
 
-def things_beside_legs(model: mujoco.MjModel) -> list[str]:
+def objects_beside_legs(model: mujoco.MjModel) -> list[str]:
     """Returns the bodies that move beside a robot with legs, and that are not called a target.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    robot = recognised(model)
+    robot = recognise_robot(model)
     trees = {int(i) for i in model.dof_treeid if robot.feet} - {*robot.trees}
     names = [model.body(np.flatnonzero(model.body_treeid == i)[0]).name for i in sorted(trees)]
     return [name for name in names if "target" not in name]
 
 
-def free_in_all_but_name(model: mujoco.MjModel) -> str | None:
+def six_axis_base(model: mujoco.MjModel) -> str | None:
     """Returns the robot's root if it goes and turns anywhere by joints of its own.
 
     Those are three slides and three hinges, which no actuator drives.
@@ -172,12 +172,12 @@ def free_in_all_but_name(model: mujoco.MjModel) -> str | None:
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    robot = recognised(model)
+    robot = recognise_robot(model)
     kinds = sorted(model.jnt_type[robot.base].tolist())
     return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
 
 
-def shakes_its_legs(model: mujoco.MjModel) -> bool:
+def has_motors_too_strong(model: mujoco.MjModel) -> bool:
     """Returns whether a robot with legs has motors of torques that would shake them.
 
     Such a motor at its limit turns its joint so fast within one control period that no policy can
@@ -186,7 +186,7 @@ def shakes_its_legs(model: mujoco.MjModel) -> bool:
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    robot = recognised(model)
+    robot = recognise_robot(model)
     if not robot.feet or not robot.motors:
         return False
     controls, motors = controls_of(model), robot.motors
@@ -201,7 +201,7 @@ def shakes_its_legs(model: mujoco.MjModel) -> bool:
 
 
 @lru_cache(maxsize=2)  # of a model, which is the same only if it is one
-def recognised(model: mujoco.MjModel) -> Robot:
+def recognise_robot(model: mujoco.MjModel) -> Robot:
     """Returns the facts about a model; its kind decides how it starts, and what its goal is."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
@@ -241,21 +241,21 @@ def recognised(model: mujoco.MjModel) -> Robot:
         robot.kind = "swimmer"
     elif base:
         robot.kind = "vehicle"
-        if robot.gravity and _vertical(robot) is not None:
-            _stand(robot)
-        if robot.key is not None and _crouches(robot):
+        if robot.gravity and _height_index(robot) is not None:
+            _stand_on_ground(robot)
+        if robot.key is not None and _is_crouching(robot):
             stands = robot.reset(None).frame[2, 2] > 0.9
-            _stand(robot if stands else robot.reset(key))
-    elif robot.gravity and any(_hangs(robot, j) for j in robot.joints):
+            _stand_on_ground(robot if stands else robot.reset(key))
+    elif robot.gravity and any(_is_moved_by_gravity(robot, j) for j in robot.joints):
         robot.kind = "pendulum"
     elif finger_count(robot) > 2:
         robot.kind = "hand"
-    _turn(robot)
+    _set_forward(robot)
     _set_goal(robot)
     return robot
 
 
-def _hangs(robot: Robot, joint: int) -> bool:
+def _is_moved_by_gravity(robot: Robot, joint: int) -> bool:
     """Returns whether gravity moves a hinge: there is no motor, spring or loop, or it is weak."""
     model = robot.model
     if model.jnt_type[joint] != HINGE:
@@ -294,7 +294,7 @@ def _is_weak(robot: Robot, joint: int) -> bool:
     """
     model, data = robot.model, robot.data
     motors = [i for i, j in robot.motors.items() if j == joint]
-    if model.jnt_limited[joint] or not motors or thing_beside(robot) is not None:
+    if model.jnt_limited[joint] or not motors or free_object_joint(robot) is not None:
         return False
     start, place, pull = data.qpos.copy(), model.jnt_qposadr[joint], 0.0
     for angle in np.linspace(0.0, 2 * np.pi, 8, endpoint=False):
@@ -351,7 +351,7 @@ def finger_count(robot: Robot) -> int:
     return sum(sum(hinged.count(body) for body in chain) > 1 for chain in own)
 
 
-def thing_beside(robot: Robot) -> int | None:
+def free_object_joint(robot: Robot) -> int | None:
     """Returns the first joint of another tree, which the robot may move."""
     model = robot.model
     joints = (j for j in range(model.njnt) if not robot.in_tree(model.jnt_bodyid[j]))
@@ -359,7 +359,7 @@ def thing_beside(robot: Robot) -> int | None:
     return next((j for j in named if model.jnt_dofadr[j] not in robot.driven), None)
 
 
-def _vertical(robot: Robot) -> int | None:
+def _height_index(robot: Robot) -> int | None:
     """Returns the place in qpos of the base's height."""
     model = robot.model
     for j in robot.base:
@@ -369,7 +369,7 @@ def _vertical(robot: Robot) -> int | None:
     return None
 
 
-def _stand(robot: Robot) -> None:
+def _stand_on_ground(robot: Robot) -> None:
     """Sets the start of a robot that gravity holds on the ground: within its limits, knees bent.
 
     Its feet are what of its outermost bodies is lowest.
@@ -377,15 +377,15 @@ def _stand(robot: Robot) -> None:
     model, data = robot.model, robot.data
     original = data.qpos.copy()
     _keep_limits(robot)
-    robot.feet = _feet(robot)
+    robot.feet = _find_feet(robot)
     if robot.feet:
-        _bend(robot, original)
-        robot.feet = _feet(robot)
+        _bend_knees(robot, original)
+        robot.feet = _find_feet(robot)
     lowest = float(bottoms_of(robot).min(initial=np.inf))
     if np.isfinite(lowest):
         depth, height = ground_of(robot) - lowest, data.xpos[robot.root][2] - lowest
         hovers = robot.feet and 0.04 < -depth / height < 2.0
-        data.qpos[_vertical(robot)] += depth if depth > 0.004 * height or hovers else 0.0
+        data.qpos[_height_index(robot)] += depth if depth > 0.004 * height or hovers else 0.0
     mujoco.mj_forward(model, data)
     robot.height = float(data.xpos[robot.root][2] - ground_of(robot))
     if robot.feet:
@@ -403,10 +403,10 @@ def _keep_limits(robot: Robot) -> None:
     mujoco.mj_forward(model, data)
 
 
-def _crouches(robot: Robot) -> bool:
+def _is_crouching(robot: Robot) -> bool:
     """Returns whether its hips are lower than half the length of its legs."""
     for foot, leg in zip(robot.feet, legs_of(robot), strict=True):
-        bending = _bending(robot, leg)
+        bending = _bending_joints(robot, leg)
         points = [*robot.data.xanchor[bending], robot.data.geom_xpos[foot]]
         length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
         if points[0][2] - ground_of(robot) < 0.5 * length:
@@ -452,7 +452,7 @@ def bottoms_of(robot: Robot) -> Array:
     return np.where(touching_geoms(model) & robot.in_tree(model.geom_bodyid), bottoms, np.inf)
 
 
-def _feet(robot: Robot) -> list[int]:
+def _find_feet(robot: Robot) -> list[int]:
     """Returns a geom of each foot, by the angle around the robot, the left front one first."""
     model, data = robot.model, robot.data
     bottoms = bottoms_of(robot)
@@ -495,7 +495,7 @@ def legs_of(robot: Robot) -> list[list[int]]:
     return [[j for j in robot.hinges if model.jnt_bodyid[j] in leg] for leg in alone]
 
 
-def _bending(robot: Robot, leg: list[int]) -> list[int]:
+def _bending_joints(robot: Robot, leg: list[int]) -> list[int]:
     """Returns the hinges that bend a leg: most of them are parallel, as hip, knee and ankle are."""
     axes = {j: robot.data.xaxis[j] for j in leg}
     level = [j for j in axes if abs(axes[j][2]) < 0.5]
@@ -503,7 +503,7 @@ def _bending(robot: Robot, leg: list[int]) -> list[int]:
     return max(groups, key=len, default=[])
 
 
-def _bend(robot: Robot, original: Array) -> None:
+def _bend_knees(robot: Robot, original: Array) -> None:
     """Bends legs that are straight, or whose joints were beyond their ranges in the model's pose.
 
     Each foot comes to below where it was there, or at least near it, nearer to the trunk and as
@@ -522,7 +522,7 @@ def _bend(robot: Robot, original: Array) -> None:
     for foot, hinges in zip(robot.feet, legs_of(robot), strict=True):
         wanted, level = places[foot], frames[foot]
         mujoco.mj_kinematics(model, data)
-        leg = _bending(robot, hinges)
+        leg = _bending_joints(robot, hinges)
         points = [*data.xanchor[leg], *([] if len(leg) > 2 else [data.geom_xpos[foot]])]
         length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum() if len(leg) > 1 else 0.0
         at, dofs = model.jnt_qposadr[hinges], model.jnt_dofadr[hinges]
@@ -563,7 +563,7 @@ def _bend(robot: Robot, original: Array) -> None:
     mujoco.mj_kinematics(model, data)
 
 
-def _turn(robot: Robot) -> None:
+def _set_forward(robot: Robot) -> None:
     """Sets the direction in which a robot goes: that of a swimmer's head, or across its sides."""
     model, data = robot.model, robot.data
     bodies = np.flatnonzero(robot.in_tree(np.arange(model.nbody)))
@@ -604,14 +604,16 @@ def _set_goal(robot: Robot) -> None:
         return
     wide = ~model.jnt_limited.astype(bool) | (np.ptp(model.jnt_range, axis=1) > 6.0)
     turning = [j for j in robot.hinges if wide[j]]
-    robot.goal, lowest = (_extreme(robot, turning, sign) for sign in (1.0, -1.0))
+    robot.goal, lowest = (_extreme_pose(robot, turning, sign) for sign in (1.0, -1.0))
     if np.allclose(robot.goal, lowest):  # as of a pole that its limits hold up
-        lowest[model.jnt_qposadr[[j for j in robot.joints if _hangs(robot, j)]]] += 0.1
+        lowest[model.jnt_qposadr[[j for j in robot.joints if _is_moved_by_gravity(robot, j)]]] += (
+            0.1
+        )
     data.qpos[:], robot.key = lowest, None
     mujoco.mj_forward(model, data)
 
 
-def _extreme(robot: Robot, joints: list[int], sign: float) -> Array:
+def _extreme_pose(robot: Robot, joints: list[int], sign: float) -> Array:
     """Returns the positions at which ± the energy of a pendulum is greatest."""
     model, data = robot.model, robot.data
 

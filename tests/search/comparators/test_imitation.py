@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
-from vgps_ros.search.dagger import marginal_log_weights, oracle_targets
+from vgps_ros.search.comparators.dagger import marginal_log_weights, oracle_targets
 
 HORIZON, OBSERVED = 3, (1, 2)
 

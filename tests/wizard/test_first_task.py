@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from vgps_ros.programs.__main__ import main
-from vgps_ros.programs.check import derivative_errors, inexact
 from vgps_ros.tasks import make_task
+from vgps_ros.wizard.task_check import derivative_errors, inexact
 
 GROUND = '<geom name="ground" type="plane" size="0 0 1"/>'
 LEG = """

@@ -8,8 +8,8 @@ import pytest
 from tests.tasks.solving import solved
 from vgps_ros.programs.__main__ import main
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.legged_scale import legged_numbers
-from vgps_ros.tasks.robot_kind import recognised
+from vgps_ros.wizard.legged_scale import legged_numbers
+from vgps_ros.wizard.robot import recognise_robot
 
 FOUR = {"front_left": (1, 1), "front_right": (1, -1), "hind_left": (-1, 1), "hind_right": (-1, -1)}
 TWO = {"left": (0, 1), "right": (0, -1)}
@@ -55,7 +55,7 @@ def robot(legs: dict[str, tuple[int, int]], s: float) -> str:
 @pytest.mark.parametrize("size", [0.25, 0.5, 2.0, 4.0])
 def test_the_numbers_of_a_task_are_the_same_in_the_robots_own_units(legs, size):
     one, other = (
-        legged_numbers(recognised(mujoco.MjModel.from_xml_string(robot(legs, s))))
+        legged_numbers(recognise_robot(mujoco.MjModel.from_xml_string(robot(legs, s))))
         for s in (1.0, size)
     )
     time = size**0.5

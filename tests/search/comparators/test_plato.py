@@ -8,10 +8,10 @@ import pytest
 
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.settings import with_values
+from vgps_ros.search.comparators.plato import Teacher, plato
 from vgps_ros.search.methods import search
 from vgps_ros.search.mpc import MpcSettings, Planner
 from vgps_ros.search.optimization_request import first_request
-from vgps_ros.search.plato import Teacher, plato
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.situations import situations
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
