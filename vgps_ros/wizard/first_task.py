@@ -165,7 +165,8 @@ def _general_numbers(robot: Robot) -> dict[str, Any]:
         "horizon": horizon,
         "twice": 2 * (planned if swings else horizon),
         "lookahead": _whole(1.0 if is_swimmer else 0.5 if robot.base else planned / 4, period),
-        "std": {"position": 0.01, "velocity": 0.1, "overrides": dict.fromkeys(same, 0.0)},
+        "std": {"position": 0.01, "velocity": 0.1}
+        | ({"overrides": dict.fromkeys(same, 0.0)} if same else {}),
         "soft": float(f"{_contact_time(robot):.2g}"),
         "contact_width": 0.02,
         "soft_limit": 0.04,
@@ -441,9 +442,20 @@ def _target_sensor(robot: Robot) -> dict[str, Any] | None:
         seen = {"type": "framepos", target[0]: target[1], "relative_to": {"xbody": robot.name}}
         return seen if is_near else None  # in its own frame: where it has to turn
     if thing is None:
-        return {"type": "framepos", "geom": model.geom(own[-1]).name} | goal
+        return {"type": "framepos"} | _tip(robot, int(own[-1])) | goal
     is_turned, body = model.jnt_type[thing] == HINGE, model.body(model.jnt_bodyid[thing]).name
     return None if is_turned else {"type": "framepos", "xbody": body} | goal
+
+
+def _tip(robot: Robot, geom: int) -> dict[str, str]:
+    """Returns the point of the last link that is farthest from its start: a site, or its geom."""
+    model, data = robot.model, robot.data
+    body = model.geom_bodyid[geom]
+    sites = np.flatnonzero(model.site_bodyid == body)
+    ways = np.linalg.norm(data.site_xpos[sites] - data.xpos[body], axis=1)
+    if ways.max(initial=0.0) > np.linalg.norm(data.geom_xpos[geom] - data.xpos[body]):
+        return {"site": model.site(int(sites[ways.argmax()])).name}
+    return {"geom": model.geom(geom).name}
 
 
 def _has_target(robot: Robot) -> bool:

@@ -366,7 +366,9 @@ def _after(task: Task, motion: Trajectory, found: TaskCheck, still: Array) -> li
     """
     troubles = []
     low, high = task.dynamics.control_limits
-    beyond = ((motion.controls <= low) | (motion.controls >= high)) & np.isfinite(high)
+    rest = task.cost.control_targets  # a muscle at rest is at an end of its range
+    beyond = ((motion.controls <= low) & (rest > low)) | ((motion.controls >= high) & (rest < high))
+    beyond &= np.isfinite(high)
     shares = dict(zip(task.actuated_joint_names, beyond.mean(axis=0).tolist(), strict=True))
     at = sorted((name for name in shares if shares[name] > _AT_LIMIT), key=shares.__getitem__)
     if at:
