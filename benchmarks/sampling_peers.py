@@ -24,7 +24,7 @@ from vgps_ros.search.mpc import MpcSettings, Planner
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.simulation.model import sensor_numbers, state_names
 from vgps_ros.tasks import Task, make_task
-from vgps_ros.tasks.sampled_motion import FALLEN, Plans, SampledMotion, replanned
+from vgps_ros.tasks.sampled_motion import FALLEN, Plans, SampledMotion, replan
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = ROOT / ".venv" / "judo" / "bin" / "python"  # see scripts/run_benchmarks.bash
@@ -123,7 +123,7 @@ class _Sampler:
         passed, first = step - self._first, step
         last = self._controls[-1:]
         begun = np.concatenate([self._controls[passed:], last.repeat(passed, axis=0)])
-        self._controls = controls = replanned(
+        self._controls = controls = replan(
             self._problem, self._sampler, begun[: self._sampler.steps], state, step, self._rng
         )
         self._first = first

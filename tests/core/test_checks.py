@@ -13,12 +13,12 @@ from vgps_ros.core.checks import (
     first_steps,
     from_arrays,
     known,
-    listed,
+    list_names,
     matching,
     nearest,
     one_of,
     positive,
-    quoted,
+    quote,
 )
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import TrajectoryDistribution
@@ -103,7 +103,7 @@ def test_each_covariance_is_judged_by_its_own_size(small, what):
     ],
 )
 def test_a_value_is_quoted_on_one_line_and_not_too_long(value, shown):
-    assert quoted(value) == shown
+    assert quote(value) == shown
 
 
 def test_the_nearest_name_alone_is_asked_for():
@@ -162,6 +162,6 @@ def test_what_matches_nothing_is_refused_with_the_names_and_the_nearest():
 
 
 def test_many_names_are_listed_in_part_and_none_as_none():
-    assert listed([f"n{i}" for i in range(14)]).endswith(", n11 and others")
-    assert listed([f"n{i}" for i in range(12)]).endswith(", n11")
-    assert listed(()) == "none"
+    assert list_names([f"n{i}" for i in range(14)]).endswith(", n11 and others")
+    assert list_names([f"n{i}" for i in range(12)]).endswith(", n11")
+    assert list_names(()) == "none"

@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Compiled functions work with and without a place for their machine code."""
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compile_at_first_call
 
 SOURCE = "def double(x):\n    return x + x\n"
 
@@ -13,7 +13,7 @@ def defined_in(path):
 
 
 def test_without_a_file_to_keep_it_beside_a_function_is_compiled_anew():
-    double = compiled(defined_in("<nowhere>"))
+    double = compile_at_first_call(defined_in("<nowhere>"))
     assert double(2.5) == 5.0
     assert double.signatures
 
@@ -21,7 +21,7 @@ def test_without_a_file_to_keep_it_beside_a_function_is_compiled_anew():
 def test_machine_code_is_kept_between_processes(tmp_path):
     path = tmp_path / "source.py"
     path.write_text(SOURCE)
-    first, second = (compiled(defined_in(str(path))) for _ in range(2))
+    first, second = (compile_at_first_call(defined_in(str(path))) for _ in range(2))
     assert first(2.5) == second(2.5) == 5.0
     assert sum(first.stats.cache_misses.values()) == 1
     assert sum(second.stats.cache_hits.values()) == 1

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.dynamics import StateSpace
-from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widened
+from vgps_ros.core.observation import LOWEST_STD, Observation, observed_marginals, widen_covariances
 
 
 class Polar:
@@ -51,7 +51,7 @@ def test_marginals_of_a_curved_reading_are_those_of_samples_close_by(random_dist
 
 def test_a_covariance_that_is_singular_can_be_inverted_once_it_is_widened():
     flat = np.diag([1.0, 0.0])
-    assert_allclose(np.linalg.inv(widened(flat))[1, 1], LOWEST_STD**-2)
+    assert_allclose(np.linalg.inv(widen_covariances(flat))[1, 1], LOWEST_STD**-2)
 
 
 def told_of(coordinates, context):

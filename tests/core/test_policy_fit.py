@@ -17,7 +17,7 @@ from vgps_ros.core.policy_fit import (
     fit_policy,
     initial_policy,
     objective,
-    resampled,
+    resample,
     with_best_noise,
 )
 from vgps_ros.core.policy_network import Standardization
@@ -284,7 +284,7 @@ def test_a_fit_that_has_converged_draws_no_more_samples(linear_target, whole, rn
 def test_draws_come_as_often_as_they_are_probable(rng):
     inputs = np.arange(4.0)[:, None]
     targets = Targets(inputs, 10 * inputs, 100 * inputs)
-    draws = resampled(targets, np.array([0.5, 0.2, 0.0, 0.3]), 10_000, rng)
+    draws = resample(targets, np.array([0.5, 0.2, 0.0, 0.3]), 10_000, rng)
     first, second = next(draws), next(draws)
     counts = np.bincount(first.inputs[:, 0].astype(int), minlength=4)
     assert_allclose(counts / 10_000, [0.5, 0.2, 0.0, 0.3], atol=5 * 0.5 / 100)

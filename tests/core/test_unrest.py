@@ -13,7 +13,7 @@ from vgps_ros.core.unrest import RATE, TILT, Unrest, Waking
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance
-from vgps_ros.tasks.disturbed_task import disturbed
+from vgps_ros.tasks.disturbed_task import disturb_task
 
 MS = 1_000_000  # [ns]
 
@@ -42,7 +42,7 @@ def test_the_vertical_is_that_of_rotation_matrices(rng):
 
 def test_a_slope_is_felt_as_a_tilt(quadruped):
     """On a slope of 0.2 rad it stands level again where it is turned back by so much."""
-    slope = disturbed(quadruped, Disturbance(slope=(0.2, 0.0)))
+    slope = disturb_task(quadruped, Disturbance(slope=(0.2, 0.0)))
     here, uphill = slope.initial_state, Rotation.from_euler("Y", 0.2)
     assert slope.unrest.restless(here)
     assert not slope.unrest.restless(turned(here, uphill))
@@ -83,7 +83,7 @@ def test_the_clock_turns_for_a_while_after_the_robot_was_restless(quadruped):
 def test_compiled_rollouts_read_the_clock_that_the_motion_tells(quadruped, rng):
     """A random network at rest, under a push: each control is that of the state's own context."""
     push = Disturbance(body="trunk", push=(0.0, 12.0), push_time=0.3, slope=(-0.03, 0.04))
-    task = disturbed(quadruped, push)
+    task = disturb_task(quadruped, push)
     observation, signals, steps = task.observation, task.signals, 130
     shape = Architecture(observation.names, (8,), 12)
     weights = 0.02 * rng.standard_normal(shape.num_parameters)

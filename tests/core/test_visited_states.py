@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 from vgps_ros.core import visited_states
-from vgps_ros.core.observation import widened
+from vgps_ros.core.observation import widen_covariances
 from vgps_ros.core.visited_states import likeliest_steps, visited_targets
 
 HORIZON = 12
@@ -24,7 +24,7 @@ def q(random_distribution):
 def test_the_step_is_the_one_of_the_highest_density(random_distribution, coordinates, rng):
     q, o = random_distribution(horizon=HORIZON), rng.standard_normal((50, 3))
     step, distance = likeliest_steps(q, coordinates(0, 2, 3), o)
-    covariances = widened(q.state_covariances[:-1][:, [0, 2, 3]][:, :, [0, 2, 3]])
+    covariances = widen_covariances(q.state_covariances[:-1][:, [0, 2, 3]][:, :, [0, 2, 3]])
     means = q.mean.states[:-1, [0, 2, 3]]
     densities = [
         multivariate_normal(m, c).logpdf(o) for m, c in zip(means, covariances, strict=True)
@@ -93,7 +93,7 @@ def test_all_steps_up_to_the_next_of_some_are_tried_by_their_densities(
     widths = np.exp(rng.standard_normal(HORIZON + 1))
     q.state_covariances[:] = widths[:, None, None] * np.eye(4)
     o = rng.uniform(0.0, 6.0, (300, 4))
-    means, covariances = q.mean.states[:-1], widened(q.state_covariances[:-1])
+    means, covariances = q.mean.states[:-1], widen_covariances(q.state_covariances[:-1])
     densities = np.array(
         [multivariate_normal(*m).logpdf(o) for m in zip(means, covariances, strict=True)]
     )

@@ -12,7 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.settings import with_values
 from vgps_ros.policies.driver import Driver
-from vgps_ros.search.calibration import calibrated
+from vgps_ros.search.calibration import calibrate
 from vgps_ros.search.judgement import (
     Trial,
     behaviour,
@@ -178,7 +178,7 @@ def test_calibrated_commands_are_reached(cart, law, rng):
         hidden = np.concatenate([row, -row]).ravel(), np.concatenate([bias, -bias])
         parameters = np.concatenate([*hidden, [1.0, -1.0], [0.0]])
         policy = GaussianPolicy(shape, parameters, policy.noise_std)
-    found = calibrated(cart, 0, policy)
+    found = calibrate(cart, 0, policy)
     told = judged(cart, Driver(found, cart.observation))
     assert [each["survival"] for each in told["commands"][:4]] == [[1.0]] * 4
     assert max(abs(each["mean"]["speed"]) for each in told["commands"][:4]) < 1e-3
@@ -186,11 +186,11 @@ def test_calibrated_commands_are_reached(cart, law, rng):
 
 def test_a_policy_that_falls_or_hardly_obeys_is_not_calibrated(cart):
     falls, idle = reaching(cart, 1.0, 1.6).policy, reaching(cart, 0.4).policy
-    assert calibrated(cart, 0, falls) is falls
-    assert calibrated(cart, 0, idle) is idle
+    assert calibrate(cart, 0, falls) is falls
+    assert calibrate(cart, 0, idle) is idle
     shape = replace(idle.architecture, output_bias=False)
     unbiased = GaussianPolicy(shape, reaching(cart, 0.8).policy.parameters[:-1], np.ones(1))
-    assert calibrated(cart, 0, unbiased) is unbiased
+    assert calibrate(cart, 0, unbiased) is unbiased
 
 
 def test_new_situations_begin_where_commands_are_obeyed_least(cart, tmp_path):

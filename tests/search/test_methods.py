@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
-from vgps_ros.search.comparators.gps import combined
+from vgps_ros.search.comparators.gps import combine_rollouts
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import METHOD, GpsSettings, search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
@@ -184,4 +184,4 @@ def test_an_unknown_method_names_the_valid_ones():
 
 def test_guided_search_says_when_there_is_nothing_to_learn_from():
     with pytest.raises(DivergenceError, match=r"lower gps\.guiding_noise"):
-        combined([], ROTOR.observation)
+        combine_rollouts([], ROTOR.observation)

@@ -14,7 +14,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search import methods
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
-from vgps_ros.search.selection import Tried, is_evaluated, sound_step, tried
+from vgps_ros.search.selection import Tried, is_evaluated, sound_step, try_policy
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import make_task
@@ -60,19 +60,19 @@ def test_policies_are_tried_in_the_second_half_of_a_search_that_renews(settings)
 
 def test_the_same_policy_is_tried_in_the_same_rollouts_in_each_iteration(task, settings):
     (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
-    first, second = (tried(task, settings, 0, last.policy, k) for k in (3, 4))
+    first, second = (try_policy(task, settings, 0, last.policy, k) for k in (3, 4))
     assert (first.success, first.loss) == (second.success, second.loss)
-    other = tried(task, settings, 1, last.policy, 3)
+    other = try_policy(task, settings, 1, last.policy, 3)
     assert other.loss != first.loss
     idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
-    assert tried(task, settings, 0, idle, 3).loss > first.loss
+    assert try_policy(task, settings, 0, idle, 3).loss > first.loss
 
 
 def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp_path, monkeypatch):
     """Iteration 3 is called the best one here; the rollouts behind such a figure are real above."""
 
     def called(task, settings, seed, policy, k):
-        return replace(tried(task, settings, seed, policy, k), success=1.0 if k == 3 else 0.2)
+        return replace(try_policy(task, settings, seed, policy, k), success=1.0 if k == 3 else 0.2)
 
     monkeypatch.setattr(methods, "tried", called)
     run = partial(search, "vgps", task, settings, 0, partial(optimize_all, task))
@@ -101,7 +101,7 @@ def test_a_step_that_ruins_the_policy_is_taken_as_far_as_it_does_not(task, setti
     good = last.policy
     size = np.abs(good.parameters).max()
     many = with_values(settings, {"keep.rollouts": 20})
-    least = tried(task, many, 0, good, 3).success - 0.25
+    least = try_policy(task, many, 0, good, 3).success - 0.25
     assert least > 0.0
 
     def step(by, k=3):
@@ -112,11 +112,11 @@ def test_a_step_that_ruins_the_policy_is_taken_as_far_as_it_does_not(task, setti
 
     assert step(1e-6).parameters[0] != good.parameters[0]
     ruined = 1e3
-    assert tried(task, many, 0, far(ruined), 3).success < least
+    assert try_policy(task, many, 0, far(ruined), 3).success < least
     assert step(ruined) is good
     by = next(by for by in np.geomspace(1e-3, 1e3, 60) if is_ruined(task, many, far(by), least))
     taken = step(by)
-    assert tried(task, many, 0, taken, 3).success >= least
+    assert try_policy(task, many, 0, taken, 3).success >= least
     half, quarter = (good.parameters + share * by * size for share in (0.5, 0.25))
     assert any(np.allclose(taken.parameters, one) for one in (half, quarter))
     early = far(ruined)
@@ -124,7 +124,7 @@ def test_a_step_that_ruins_the_policy_is_taken_as_far_as_it_does_not(task, setti
 
 
 def is_ruined(task, settings, policy, least):
-    return tried(task, settings, 0, policy, 3).success < least
+    return try_policy(task, settings, 0, policy, 3).success < least
 
 
 def test_without_commands_the_policy_of_the_least_cost_is_kept(tmp_path):
@@ -132,7 +132,7 @@ def test_without_commands_the_policy_of_the_least_cost_is_kept(tmp_path):
     settings = with_values(search_settings(task), {**VALUES, "situations": 2})
     (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))
     idle = replace(last.policy, parameters=np.zeros_like(last.policy.parameters))
-    one, other = (tried(task, settings, 0, policy, 4) for policy in (last.policy, idle))
+    one, other = (try_policy(task, settings, 0, policy, 4) for policy in (last.policy, idle))
     assert one.success == other.success == 1.0  # nothing is a fall
     best, worse = sorted((one, other), key=lambda each: each.loss)
     assert 0.0 < best.loss < worse.loss

@@ -9,7 +9,7 @@ import pytest
 from vgps_ros.storage.run_folder import load_policy
 from vgps_ros.tasks import make_task, registry
 from vgps_ros.tasks.disturbance import DisturbanceSettings
-from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import disturb_task, draw_disturbance
 
 STEPS = 450  # of 0.02 s
 JOINTS = slice(-12, None)  # velocities in a state
@@ -27,7 +27,7 @@ def driven(task, size, seed):
     rng, signals = np.random.default_rng(seed), task.signals
     push = draw_disturbance(task, DisturbanceSettings(push=size, push_before=1.0), rng)
     commands, phases = np.zeros((1, STEPS, 3)), signals.phases(STEPS, rng.uniform())[None]
-    here = disturbed(task, push)
+    here = disturb_task(task, push)
     (states,), _ = here.dynamics.execute(
         policy,
         here.observation.within(signals.turning.context(commands, phases)),

@@ -5,11 +5,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compile_at_first_call
 from vgps_ros.simulation.mujoco_functions import mj_step_skip
 
 
-@compiled
+@compile_at_first_call
 def _steps(model, data, count):
     for _ in range(count):
         mj_step_skip(model, data, -1, 1)

@@ -14,7 +14,7 @@ from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed_task import can_slide_on_ground, disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import can_slide_on_ground, disturb_task, draw_disturbance
 
 # A sled of 2 kg on the floor that carries an arm of 1 kg; nothing but the floor brakes it.
 SLED = """
@@ -61,7 +61,7 @@ def sled(tmp_path):
 
 def coasted(task, disturbance, steps=100):
     """Returns the states of the sled without control."""
-    here = disturbed(task, disturbance)
+    here = disturb_task(task, disturbance)
     return here.dynamics.rollout(task.initial_state, lambda *_: np.zeros(1), steps).states
 
 
@@ -92,7 +92,7 @@ def test_joints_with_other_damping_and_armature_move_as_their_inertia_says(sled)
     start = task.initial_state.copy()
     start[3] = 1.0
     for damping, armature in ((1.0, 1.0), (0.5, 1.0), (2.0, 1.0), (1.0, 3.0)):
-        here = disturbed(task, Disturbance(damping=damping, armature=armature))
+        here = disturb_task(task, Disturbance(damping=damping, armature=armature))
         end = here.dynamics.rollout(start, lambda *_: np.zeros(1), 100).states[-1, 3]
         assert end == pytest.approx(np.exp(-2.0 * damping / (3.0 + armature)), rel=5e-3)
 
@@ -109,14 +109,14 @@ def test_actuators_of_another_strength_give_other_largest_forces(sled, limit):
         ),
     )
     for strength in (1.0, 0.5, 0.25):
-        here = disturbed(task, Disturbance(strength=strength))
+        here = disturb_task(task, Disturbance(strength=strength))
         states = here.dynamics.rollout(task.initial_state, lambda *_: np.full(1, 9.0), 50).states
         assert states[-1, 3] == pytest.approx(4.0 * strength * 0.5 / 3.0, rel=1e-3)
 
 
 def test_a_joints_limit_of_all_actuators_is_scaled_with_them(sled):
     mjcf = SLED.replace('axis="1 0 0"/>', 'axis="1 0 0" actuatorfrcrange="-3 3"/>', 1)
-    here = disturbed(sled(gravity="[0, 0, 0]", mjcf=mjcf), Disturbance(strength=0.5))
+    here = disturb_task(sled(gravity="[0, 0, 0]", mjcf=mjcf), Disturbance(strength=0.5))
     states = here.dynamics.rollout(here.initial_state, lambda *_: np.full(1, 9.0), 50).states
     assert states[-1, 3] == pytest.approx(0.25, rel=1e-3)
 
@@ -132,7 +132,7 @@ def test_a_payload_is_pushed_with_the_body_that_bears_it(sled):
 
 def test_derivatives_contain_the_push(sled, finite_differences):
     push = Disturbance("arm", push=(5.0, 0.0), push_time=0.02, push_duration=0.03)
-    dynamics = disturbed(sled("[0, 0, 0]", damping=0.0), push).dynamics
+    dynamics = disturb_task(sled("[0, 0, 0]", damping=0.0), push).dynamics
     start = np.array([0.0, 1.0, 0.3, 0.1, 0.0, 0.2])
     motion = dynamics.rollout(start, lambda *_: np.ones(1), 8)
     linear, _ = dynamics.linearize(motion)
@@ -155,7 +155,7 @@ def test_a_solve_knows_the_push_and_its_motion_is_one_of_the_pushed_robot(sled):
         for d in (Disturbance(), push)
     )
     mean = pushed.distribution.mean
-    assert np.abs(disturbed(task, push).dynamics.gaps(mean)).max() < 1e-12
+    assert np.abs(disturb_task(task, push).dynamics.gaps(mean)).max() < 1e-12
     assert np.abs(task.dynamics.gaps(mean)).max() > 0.1
     assert pushed.cost > calm.cost
     # It brakes before the push, which it knows of.
@@ -168,14 +168,14 @@ def test_a_solve_closes_what_a_changed_model_opens():
     request = first_request(task, 0, 20)
     changed = replace(request.situation, disturbance=change)
     found = optimize(task, replace(request, situation=changed))
-    gaps = disturbed(task, change).dynamics.gaps(found.distribution.mean)
+    gaps = disturb_task(task, change).dynamics.gaps(found.distribution.mean)
     assert np.abs(gaps).max() < 1e-9
 
 
 def test_on_a_slope_a_policy_measures_the_vertical_and_a_cost_counts_from_the_ground(rng):
     """An inertial unit feels gravity, wherever the ground is; the accelerometer is the witness."""
     task = make_task("quadruped")
-    slope = disturbed(task, Disturbance(slope=(0.2, -0.1)))
+    slope = disturb_task(task, Disturbance(slope=(0.2, -0.1)))
     turns = rng.standard_normal((6, task.dynamics.space.tangent_dim)) * 0.4
     states = task.dynamics.space.add(task.initial_state, turns)
     names = ["up/x", "up/y", "up/z"]
@@ -192,7 +192,7 @@ def test_on_a_slope_a_policy_measures_the_vertical_and_a_cost_counts_from_the_gr
         assert up @ ground == pytest.approx(
             1.0 / np.sqrt(1.0 + np.tan(0.2) ** 2 + np.tan(0.1) ** 2)
         )
-    still, level = task.observation.readings, disturbed(task, Disturbance(friction=0.9))
+    still, level = task.observation.readings, disturb_task(task, Disturbance(friction=0.9))
     np.testing.assert_array_equal(level.observation.readings(states), still(states))
 
 
@@ -209,7 +209,7 @@ def test_a_sled_that_slides_meets_steps_as_high_as_they_are_said_to_be(sled, rng
     start = task.initial_state.copy()
     start[:2] = 0.6, 0.03  # [m]
     for height, rests in ((0.03, 0.03), (0.0, 0.0)):
-        here = disturbed(task, Disturbance(steps=height))
+        here = disturb_task(task, Disturbance(steps=height))
         states = here.dynamics.rollout(start, lambda *_: np.zeros(1), 100).states
         assert states[-1, 1] == pytest.approx(rests, abs=2e-3)
     settings = DisturbanceSettings(steps=0.04)
@@ -276,7 +276,7 @@ def test_draws_are_within_their_sizes_and_point_where_the_robot_can_move(sled, r
 )
 def test_what_does_not_suit_is_refused(sled, disturbance, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
-        disturbed(sled(), Disturbance(**disturbance))
+        disturb_task(sled(), Disturbance(**disturbance))
 
 
 def test_bodies_without_a_name_have_that_of_their_place(tmp_path, rng):
@@ -289,18 +289,18 @@ def test_bodies_without_a_name_have_that_of_their_place(tmp_path, rng):
         settings = DisturbanceSettings(body=name, push=1.0, payload=2.0)
         drawn = draw_disturbance(task, settings, rng)
         assert drawn.body == found
-        loaded = disturbed(task, drawn).dynamics.model
+        loaded = disturb_task(task, drawn).dynamics.model
         assert loaded.body_mass.sum() == pytest.approx(3.0 + drawn.payload)
 
 
 def test_friction_changes_only_where_something_can_rub(sled):
     ice = Disturbance(friction=0.5)
-    assert can_slide_on_ground(disturbed(sled(), ice).dynamics.model)
+    assert can_slide_on_ground(disturb_task(sled(), ice).dynamics.model)
     for change in ('contype="0"', 'condim="1"'):
         smooth = SLED.replace('size="0.3 0.3 0.1"', f'size="0.3 0.3 0.1" {change}')
         smooth = smooth.replace('type="plane"', f'type="plane" {change}')
         with pytest.raises(InvalidInputError, match=r"factor 0\.5, but no two geoms of the robot"):
-            disturbed(sled(mjcf=smooth), ice)
+            disturb_task(sled(mjcf=smooth), ice)
 
 
 def test_a_body_that_cannot_move_sideways_is_not_pushed(sled, rng):

@@ -36,7 +36,7 @@ from vgps_ros.bags.recorded_nodes import (
     onnx_content,
     policy_messages,
 )
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
@@ -166,7 +166,7 @@ def _contexts(bag: BagReader, executor: RecordedExecutor, found: BagCheck) -> li
     def commands_of(message: Any) -> Array:
         values = signals_from_msg(message)
         if tuple(values) != names:
-            raise InvalidInputError(f"it tells {quoted(list(values))}, not {list(names)}.")
+            raise InvalidInputError(f"it tells {quote(list(values))}, not {list(names)}.")
         return np.array(list(values.values()))
 
     is_told = names and CONTEXT in bag.filled_topics

@@ -18,7 +18,7 @@ import numpy as np
 
 from vgps_ros.bags.episode import Episode, driven_episodes
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
@@ -89,7 +89,7 @@ def read_data_set(bags: Sequence[Path], namespace: str | None = None) -> DataSet
         if names != others:
             strange = next(iter(set(names) ^ set(others)), "the order of its joints")
             raise InvalidInputError(
-                f"'{path}' is of another robot than the bag before it, by {quoted(strange)}; put "
+                f"'{path}' is of another robot than the bag before it, by {quote(strange)}; put "
                 "the motions of each robot into a data set of their own."
             )
         if abs(step / found.time_step - 1) > _RATE_TOLERANCE:

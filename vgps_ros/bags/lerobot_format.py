@@ -59,7 +59,7 @@ def write_lerobot(data: DataSet, folder: Path, size: tuple[int, int] | None) -> 
     _write(folder / "data" / _FILE, pa.table(table))
     _write(folder / "meta" / "episodes" / _FILE, _episodes(data, statistics, robot))
     _write(folder / "meta" / "tasks.parquet", _tasks(robot))
-    write_json(folder / "meta" / "stats.json", _merged(statistics))
+    write_json(folder / "meta" / "stats.json", _merge_statistics(statistics))
     write_json(folder / "meta" / "info.json", _info(data, rate, robot, size))
 
 
@@ -97,7 +97,7 @@ def _statistics(values: Array) -> dict[str, Any]:
     }
 
 
-def _merged(statistics: list[dict[str, dict[str, Any]]]) -> dict[str, dict[str, Any]]:
+def _merge_statistics(statistics: list[dict[str, dict[str, Any]]]) -> dict[str, dict[str, Any]]:
     """Returns the statistics of all episodes; their quantiles are means of the episodes'."""
     counts = np.array([each["index"]["count"][0] for each in statistics], dtype=float)
     merged = {}

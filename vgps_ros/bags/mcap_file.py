@@ -157,8 +157,8 @@ class McapFile:
             for piece in pieces:
                 try:
                     kind, content = next(_records(file, piece.begin))[1:]
-                    found = [_parsed(Message, content)] if kind == Opcode.MESSAGE else None
-                    records = found or breakup_chunk(_unpacked(content), validate_crc=True)
+                    found = [_parse_record(Message, content)] if kind == Opcode.MESSAGE else None
+                    records = found or breakup_chunk(_unpack_chunk(content), validate_crc=True)
                 except (*_DAMAGED, StopIteration) as error:
                     raise InvalidInputError(
                         f"'{self.path}' was changed while it was read."
@@ -193,23 +193,23 @@ class McapFile:
     def _take(self, begin: int, kind: int, content: bytes) -> None:
         try:
             if kind == Opcode.CHUNK:
-                chunk = _unpacked(content)
+                chunk = _unpack_chunk(content)
                 self._add(*breakup_chunk(chunk, validate_crc=True))
-                self.compression = _parsed(Chunk, content).compression
+                self.compression = _parse_record(Chunk, content).compression
                 self.pieces.append(Piece(begin, chunk.message_start_time))
             elif kind == Opcode.MESSAGE:
-                message = _parsed(Message, content)
+                message = _parse_record(Message, content)
                 self._add(message)
                 self.pieces.append(Piece(begin, message.log_time))
             elif kind == Opcode.SCHEMA:
-                self._add(_parsed(Schema, content))
+                self._add(_parse_record(Schema, content))
             elif kind == Opcode.CHANNEL:
-                self._add(_parsed(Channel, content))
+                self._add(_parse_record(Channel, content))
             elif kind == Opcode.ATTACHMENT:
                 checksum = struct.unpack("<I", content[-4:])[0]
                 if checksum and checksum != zlib.crc32(content[:-4]):
                     raise ValueError(checksum)
-                self.attachments.append(_parsed(Attachment, content))
+                self.attachments.append(_parse_record(Attachment, content))
         except _DAMAGED:
             damage = f"the {Opcode(kind).name.lower()} at byte {begin} is damaged"
             if kind == Opcode.CHUNK:
@@ -264,20 +264,20 @@ def _records(file: BinaryIO, at: int) -> Iterator[tuple[int, int, bytes]]:
         at += _HEAD.size + length
 
 
-def _parsed(kind: Any, content: bytes) -> Any:
+def _parse_record(kind: Any, content: bytes) -> Any:
     """Returns a record of mcap."""
     stream = ReadDataStream(io.BytesIO(content))
     return kind.read(stream, len(content)) if kind is Message else kind.read(stream)
 
 
-def _unpacked(content: bytes) -> Chunk:
+def _unpack_chunk(content: bytes) -> Chunk:
     """Returns a chunk whose records are not compressed.
 
     Raises:
         ValueError: it is larger than it claims, or than we read.
         Exception: one of _DAMAGED: it cannot be unpacked.
     """
-    chunk, size = _parsed(Chunk, content), 0
+    chunk, size = _parse_record(Chunk, content), 0
     if (size := chunk.uncompressed_size) > _LARGEST:
         raise ValueError(size)
     if chunk.compression == "zstd":

@@ -30,7 +30,7 @@ def product(a: Array, b: Array) -> Array:
     )
 
 
-def rotated(vector: Array, quaternion: Array) -> Array:
+def rotate(vector: Array, quaternion: Array) -> Array:
     """Returns a vector, shape (3,), turned by a unit quaternion."""
     (x, y, z), (qw, qx, qy, qz) = vector.tolist(), quaternion.tolist()
     a = qw * x + qy * z - qz * y

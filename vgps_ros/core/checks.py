@@ -94,7 +94,7 @@ def first_steps(record: Record, steps: int) -> Record:
     return from_arrays(type(record), cut)
 
 
-def quoted(value: Any) -> str:
+def quote(value: Any) -> str:
     """Returns a value as a sentence can hold it: on one line, printable, and not too long."""
     text = ascii(value) if isinstance(value, str) and not value.isprintable() else None
     return _SHORT.repr(value) if text is None or len(text) > _SHORT.maxstring else text
@@ -131,7 +131,7 @@ def finite_array(
     if not finite.all():
         first = int(np.argmin(finite))
         value = f"{array.flat[first]}{'' if owners else f' at index {first}'}"
-        whose = f" of {quoted(owners[first])}" if owners else ""
+        whose = f" of {quote(owners[first])}" if owners else ""
         raise InvalidInputError(f"{name}{whose} is {value}; every value must be finite.")
     return array.reshape(shape)
 
@@ -207,7 +207,7 @@ def one_of(name: str, value: str, choices: Iterable[str]) -> str:
     names = sorted(choices)
     if value not in names:
         raise InvalidInputError(
-            f"{name} is {quoted(value)}, but it must be one of {', '.join(names)}."
+            f"{name} is {quote(value)}, but it must be one of {', '.join(names)}."
             f"{nearest(value, names)}"
         )
     return value
@@ -229,7 +229,7 @@ def check_spelling(what: str, words: Iterable[str], known: Iterable[str]) -> Non
     for word in words:
         if word not in known and (found := get_close_matches(word, known, 1, _SLIP)):
             raise InvalidInputError(
-                f"{what} has {quoted(word)}, which is not known. Did you mean '{found[0]}'?"
+                f"{what} has {quote(word)}, which is not known. Did you mean '{found[0]}'?"
             )
 
 
@@ -248,7 +248,7 @@ def matching(what: str, pattern: str, names: Sequence[str]) -> list[str]:
         return [pattern]
     found = [name for name in names if fnmatchcase(name, pattern)]
     if not found and pattern != "*":
-        raise _unknown(f"{quoted(pattern)} matches no {what}", pattern, names)
+        raise _unknown_error(f"{quote(pattern)} matches no {what}", pattern, names)
     return found
 
 
@@ -259,15 +259,15 @@ def known(what: str, name: str, names: Sequence[str]) -> str:
         InvalidInputError: it is not; the sentence has the names, and the nearest one.
     """
     if name not in names:
-        raise _unknown(f"there is no {what} {quoted(name)}", name, names)
+        raise _unknown_error(f"there is no {what} {quote(name)}", name, names)
     return name
 
 
-def listed(names: Sequence[str]) -> str:
+def list_names(names: Sequence[str]) -> str:
     """Returns the first of some names, as a sentence lists them."""
-    shown = ", ".join(quoted(name).strip("'") for name in names[:_MOST_LISTED])
+    shown = ", ".join(quote(name).strip("'") for name in names[:_MOST_LISTED])
     return f"{shown} and others" if len(names) > _MOST_LISTED else shown or "none"
 
 
-def _unknown(complaint: str, name: str, names: Sequence[str]) -> InvalidInputError:
-    return InvalidInputError(f"{complaint}; there are {listed(names)}.{nearest(name, names)}")
+def _unknown_error(complaint: str, name: str, names: Sequence[str]) -> InvalidInputError:
+    return InvalidInputError(f"{complaint}; there are {list_names(names)}.{nearest(name, names)}")

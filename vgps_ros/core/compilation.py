@@ -9,7 +9,7 @@ from numba import njit
 from numba.core import event
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def compile_at_first_call(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compiles a function at its first call, to run without Python's lock.
 
     The machine code is kept beside the source or in the user's cache folder; where neither can be

@@ -3,13 +3,13 @@
 
 import numpy as np
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compile_at_first_call
 
 # Variance that is left to a coordinate, as a share of its own, below which it is rounding.
 _ROUNDING = 1e-11
 
 
-@compiled
+@compile_at_first_call
 def pivoted_roots(covariances, roots):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes R with R Rᵀ = Σ for covariances (N, n, n); see `gaussians.covariance_roots`."""
     n = roots.shape[1]
@@ -34,7 +34,7 @@ def pivoted_roots(covariances, roots):  # type: ignore[no-untyped-def]  # pragma
                         left[i, j] -= column[i] * column[j]
 
 
-@compiled
+@compile_at_first_call
 def propagate(initial, closed_loop, noise, limit, sigma):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes Σ_1 … Σ_{T+1}: [f_x f_u] [Σ ΣKᵀ; KΣ Quu⁻¹ + KΣKᵀ] [f_x f_u]ᵀ + Σ_f, multiplied out.
 

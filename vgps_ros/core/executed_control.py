@@ -64,7 +64,7 @@ class ExactMean:
             terms[0] = bias
             np.multiply(a.T[..., None], weights[:, None], out=terms[1:])
             z = np.add.accumulate(terms, axis=0)[-1]  # one after another
-            a = _activated(self._activation, z) if i < last else z
+            a = _activate(self._activation, z) if i < last else z
         return a.reshape(*inputs.shape[:-1], -1)
 
 
@@ -192,7 +192,7 @@ EXP = tuple(1.0 / factorial(k) for k in range(1, 15))
 ARTANH = tuple(1.0 / k for k in range(3, 35, 2))
 
 
-def _activated(activation: str, z: Array) -> Array:
+def _activate(activation: str, z: Array) -> Array:
     """Returns the activation of each z, shape (N, n)."""
     if activation == "softplus":
         return np.asarray(np.maximum(z, 0.0) + _log1p(_exp(-np.abs(z))))

@@ -223,6 +223,6 @@ def observed_marginals(
     return observation(states), covariances
 
 
-def widened(covariances: Array) -> Array:
+def widen_covariances(covariances: Array) -> Array:
     """Returns covariances (..., n, n) with LOWEST_STD added in each direction, so invertible."""
     return covariances + LOWEST_STD**2 * np.eye(covariances.shape[-1])

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from vgps_ros.core.checks import Array, Shape, array_shapes, finite_array, one_of, positive, quoted
+from vgps_ros.core.checks import Array, Shape, array_shapes, finite_array, one_of, positive, quote
 from vgps_ros.core.errors import InvalidInputError
 
 # A message or goal that asks for more is a mistake, whose fit would take gigabytes.
@@ -74,7 +74,7 @@ class Architecture:
             )
         if len(set(self.observed)) != len(self.observed):
             raise InvalidInputError(
-                f"The policy reads {quoted(list(self.observed))}, but it may read each only once."
+                f"The policy reads {quote(list(self.observed))}, but it may read each only once."
             )
 
     @property
@@ -154,7 +154,7 @@ class GaussianPolicy:
             )
         if self.architecture.observed != observed:
             raise InvalidInputError(
-                f"The policy reads {quoted(list(self.architecture.observed))}, but the task's "
+                f"The policy reads {quote(list(self.architecture.observed))}, but the task's "
                 f"policies read {', '.join(observed)}; use a policy that was learned for this task."
             )
 

@@ -74,7 +74,7 @@ def draw_targets(
             inputs, means = _late(q, observation, deviations, inputs, means, late, rng)
         pooled = (a.reshape(-1, a.shape[-1]) for a in (inputs, means, variances))
         parts.append(Targets(*pooled))
-    return joined(parts)
+    return join_targets(parts)
 
 
 def _late(
@@ -109,13 +109,13 @@ def _late(
     return inputs, means
 
 
-def joined(parts: Sequence[Targets]) -> Targets:
+def join_targets(parts: Sequence[Targets]) -> Targets:
     """Returns the samples of several parts together."""
     columns = ((part.inputs, part.means, part.variances) for part in parts)
     return Targets(*(np.concatenate(column) for column in zip(*columns, strict=True)))
 
 
-def resampled(
+def resample(
     targets: Targets, probabilities: Array | None, count: int, rng: np.random.Generator
 ) -> Iterator[Targets]:
     """Yields draws of `count` samples from a set, with probabilities or evenly, without end."""
@@ -170,7 +170,7 @@ def fit_policy(
         limits: the lowest and highest controls that are taught, shape (n_u,) each; a feedback that
             asks for more is taught as them.
     """
-    pool = joined(replay) if replay else None
+    pool = join_targets(replay) if replay else None
 
     def samples() -> Iterator[Targets]:
         while True:
@@ -183,7 +183,7 @@ def fit_policy(
                 settings.late,
             )
             replayed = [_share(pool, settings.replayed, rng)] if pool else []
-            found = joined([drawn, *visited, *replayed])
+            found = join_targets([drawn, *visited, *replayed])
             if limits:
                 found = replace(found, means=np.clip(found.means, *limits))
             if augmentation:

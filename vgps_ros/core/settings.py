@@ -12,7 +12,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from vgps_ros.core.checks import one_of, quoted
+from vgps_ros.core.checks import one_of, quote
 from vgps_ros.core.errors import InvalidInputError
 
 Record = TypeVar("Record")
@@ -51,7 +51,7 @@ class Setting:
             return
         if not isinstance(value, tuple):
             raise InvalidInputError(
-                f"{self.name} is {quoted(value)}, but it must be a list of values."
+                f"{self.name} is {quote(value)}, but it must be a list of values."
             )
         if len(value) > _LONGEST:
             raise InvalidInputError(
@@ -67,7 +67,7 @@ class Setting:
         wanted = (int, float) if kind is float else kind
         if not isinstance(value, wanted) or isinstance(value, bool) != (kind is bool):
             raise InvalidInputError(
-                f"{self.name} is {quoted(value)} of type {type(value).__name__}, but it must be of "
+                f"{self.name} is {quote(value)} of type {type(value).__name__}, but it must be of "
                 f"type {kind.__name__}."
             )
         if self.choices:
@@ -126,7 +126,7 @@ def with_values(record: Record, values: Mapping[str, Any]) -> Record:
             one_of("setting", name, known)
             known[name].check(value)
     with at(""):
-        return _replaced(record, values, "")
+        return _replace(record, values, "")
 
 
 def check_settings(record: Any) -> None:
@@ -154,12 +154,12 @@ def differences(theirs: Mapping[str, Any], ours: Mapping[str, Any]) -> tuple[str
     return first, second
 
 
-def _replaced(record: Any, values: Mapping[str, Any], prefix: str) -> Any:
+def _replace(record: Any, values: Mapping[str, Any], prefix: str) -> Any:
     changes = {}
     for f in dataclasses.fields(record):
         value = getattr(record, f.name)
         if dataclasses.is_dataclass(value):
-            changes[f.name] = _replaced(value, values, f"{prefix}{f.name}.")
+            changes[f.name] = _replace(value, values, f"{prefix}{f.name}.")
         else:
             changes[f.name] = values.get(prefix + f.name, value)
     return dataclasses.replace(record, **changes)

@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
@@ -177,7 +177,7 @@ class Signals:
         places = {command.name: i for i, command in enumerate(self.commands)}
         if unknown := [name for name in given if name not in places]:
             raise InvalidInputError(
-                f"there is no command {quoted(unknown[0])}, but {', '.join(places)}."
+                f"there is no command {quote(unknown[0])}, but {', '.join(places)}."
             )
         taken, said = dict[int, float](), list[str]()
         for name, value in given.items():

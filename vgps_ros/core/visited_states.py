@@ -15,13 +15,13 @@ nothing: a rollout counts until it has left them for the first time.
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled
+from vgps_ros.core.compilation import compile_at_first_call
 from vgps_ros.core.observation import (
     LOWEST_STD,
     NO_CONTEXT,
     Observation,
     observed_marginals,
-    widened,
+    widen_covariances,
 )
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -76,7 +76,7 @@ def likeliest_steps(
         inputs: o without what is remembered, shape (N, n_o).
     """
     means, covariances = observed_marginals(q, observation)
-    covariances = widened(covariances)
+    covariances = widen_covariances(covariances)
     # What tells most steps apart comes first, so that most are given up early.
     apart = means.var(axis=0) / np.diagonal(covariances, axis1=1, axis2=2).mean(axis=0)
     order = np.argsort(-apart)
@@ -87,7 +87,7 @@ def likeliest_steps(
     return step, np.sqrt(square / inputs.shape[1])
 
 
-@compiled
+@compile_at_first_call
 def _search(means, covariances, stride, inputs, steps, squares):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the likeliest steps, and the squared Mahalanobis distances from them.
 
@@ -116,7 +116,7 @@ def _search(means, covariances, stride, inputs, steps, squares):  # type: ignore
         steps[i], squares[i] = chosen, least
 
 
-@compiled
+@compile_at_first_call
 def _lower_roots(covariances):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Replaces covariances by their Cholesky factors, but inverts the diagonals of these.
 
@@ -135,7 +135,7 @@ def _lower_roots(covariances):  # type: ignore[no-untyped-def]  # pragma: no cov
     return volumes
 
 
-@compiled
+@compile_at_first_call
 def _distance(x, means, roots, t, most, whitened):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns the squared distance of x from the mean at t, or inf once it is more than `most`."""
     square = 0.0

@@ -32,7 +32,7 @@ from vgps_ros.core.checks import (
     declared_shapes,
     finite_array,
     from_arrays,
-    quoted,
+    quote,
 )
 from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
@@ -130,12 +130,12 @@ def check_robot(what: str, given: Any, own: RobotModel) -> None:
             pairs = zip_longest(theirs, ours, fillvalue="none")
             i, (their, our) = next((i, p) for i, p in enumerate(pairs) if p[0] != p[1])
             raise InvalidInputError(
-                f"{what} is for another robot: its {names}[{i}] is {quoted(their)}, but here it is "
-                f"{quoted(our)}; start all nodes with the same task."
+                f"{what} is for another robot: its {names}[{i}] is {quote(their)}, but here it is "
+                f"{quote(our)}; start all nodes with the same task."
             )
     if given.digest and own.digest and given.digest != own.digest:
         raise InvalidInputError(
-            f"{what} is for another model: its digest is {quoted(given.digest[:12])}, but here it "
+            f"{what} is for another model: its digest is {quote(given.digest[:12])}, but here it "
             f"is {own.digest[:12]!r}; start all nodes with the same model and version of MuJoCo."
         )
 
@@ -173,7 +173,7 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
     sizes = [int(size) for size in message.layer_sizes]
     if len(sizes) < 2 or sizes[0] != len(message.observed):
         raise InvalidInputError(
-            f"The policy's layer_sizes are {quoted(sizes)}, but they must start with the number of "
+            f"The policy's layer_sizes are {quote(sizes)}, but they must start with the number of "
             f"numbers that it reads, {len(message.observed)}, and end with the number of controls."
         )
     units = {"hidden_units": tuple(sizes[1:-1]), "control_dim": sizes[-1]}
@@ -388,7 +388,7 @@ def gains_from_msg(message: SignalsMsg, controls: Controls) -> tuple[Array, Arra
     for gain in ("stiffness", "damping"):
         names = [f"{joint}/{gain}" for joint in controls.names]
         if missing := [name for name in names if name not in given]:
-            raise InvalidInputError(f"It lacks {quoted(missing[0])}; name all gains of the robot.")
+            raise InvalidInputError(f"It lacks {quote(missing[0])}; name all gains of the robot.")
         found.append(np.array([given[name] for name in names]))
     return found[0], found[1]
 
@@ -417,7 +417,7 @@ def signals_from_msg(message: SignalsMsg) -> dict[str, float]:
     names = list(message.names)
     values = finite_array("values", message.values, (len(names),)).tolist()
     if len(set(names)) != len(names):
-        raise InvalidInputError(f"The names are {quoted(names)}, but each may come only once.")
+        raise InvalidInputError(f"The names are {quote(names)}, but each may come only once.")
     return dict(zip(names, values, strict=True))
 
 
@@ -445,8 +445,8 @@ def commands_from_twist(
         twist, frame = message.twist, message.header.frame_id
         if frame not in ("", base_frame):
             raise InvalidInputError(
-                f"its frame is {quoted(frame)}, but it must be that of the robot's base, "
-                f"{quoted(base_frame)}, or empty."
+                f"its frame is {quote(frame)}, but it must be that of the robot's base, "
+                f"{quote(base_frame)}, or empty."
             )
     sources = {c.name: c.source.removeprefix(f"{CMD_VEL}/") for c in commands if c.source}
     found = [attrgetter(source.replace("/", "."))(twist) for source in sources.values()]
@@ -480,7 +480,7 @@ def name_order(names: tuple[str, ...], joint_names: tuple[str, ...]) -> NDArray[
     missing = [name for name in joint_names if name not in index]
     if missing or len(index) != len(names):
         raise InvalidInputError(
-            f"The message has the joints {quoted(list(names))}, but each of "
+            f"The message has the joints {quote(list(names))}, but each of "
             f"{list(joint_names)} must be there once."
         )
     return np.array([index[name] for name in joint_names], dtype=np.intp)

@@ -12,7 +12,7 @@ from vgps_msgs.msg import Disturbance as DisturbanceMsg
 from vgps_msgs.msg import OptimizerIteration, SolveStatus, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.ddp.solve import Iteration, Status
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, VgpsError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
@@ -89,7 +89,7 @@ def request_from_msg(message: OptimizeTrajectory.Request, task: Task) -> Optimiz
     """
     if message.task != task.name:
         raise InvalidInputError(
-            f"The request is for the task {quoted(message.task)}, but this optimizer solves "
+            f"The request is for the task {quote(message.task)}, but this optimizer solves "
             f"'{task.name}'."
         )
     robots = {

@@ -35,8 +35,8 @@ from geometry_msgs.msg import Transform, Twist, Vector3
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, MultiDOFJointState
 
-from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotated
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotate
+from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
@@ -191,7 +191,7 @@ class StateMessages:
             odometry = messages[ODOMETRY]
             if odometry.child_frame_id != self.base_frame:
                 raise InvalidInputError(
-                    f"odom.child_frame_id is {quoted(odometry.child_frame_id)}, but it must be "
+                    f"odom.child_frame_id is {quote(odometry.child_frame_id)}, but it must be "
                     f"the robot's base, '{self.base_frame}'; base_frame tells its name."
                 )
             pose, twist = odometry.pose.pose, odometry.twist.twist
@@ -230,7 +230,7 @@ class StateMessages:
         read_body(self.base, x, IMU, Vector3(), imu.orientation, twist)
         _, rotation, _, angular = self.base.parts(x)
         rotation[:] = product(rotation, turn * BACK)
-        angular[:] = rotated(angular, turn)
+        angular[:] = rotate(angular, turn)
 
     def _turn_of(self, frame: str) -> Array:
         """Returns how a site or body on the base is turned in it; no turn: the base's own frame."""
@@ -239,7 +239,7 @@ class StateMessages:
         mounts = self._layout.mounts
         if frame not in mounts:
             raise InvalidInputError(
-                f"The frame of imu is {quoted(frame)}, but it must be that of the robot's base, "
+                f"The frame of imu is {quote(frame)}, but it must be that of the robot's base, "
                 f"'{self.base_frame}', or of what is fixed to it, {', '.join(mounts)}; set "
                 "imu_frame to the one at which the IMU sits."
             )
@@ -381,7 +381,7 @@ def write_body(body: BodyJoint, x: Array, position: Any, orientation: Any, twist
     put(twist.angular, "xyz", angular)
     if body.is_free:
         put(position, "xyz", at)
-        put(twist.linear, "xyz", rotated(linear, rotation * BACK))
+        put(twist.linear, "xyz", rotate(linear, rotation * BACK))
 
 
 def read_body(
@@ -403,7 +403,7 @@ def read_body(
     if body.is_free:
         at[:] = _get(f"{topic}: position of {body.name}", position, "xyz")
         along = _get(f"{topic}: linear velocity of {body.name}", twist.linear, "xyz")
-        linear[:] = rotated(along, rotation)
+        linear[:] = rotate(along, rotation)
 
 
 def read_planar(
@@ -424,9 +424,9 @@ def read_planar(
     turned = product(to_world, rotation)
     angle = math.remainder(2.0 * math.atan2(base.axis @ turned[1:], turned[0]), 2.0 * math.pi)
     rate = base.axis @ angular
-    arm = rotated(base.anchor, turned)  # from the body's origin to the anchor
-    slid = rotated(at - base.position, to_world) + arm - base.anchor
-    speed = rotated(linear, to_world) + rate * np.cross(base.axis, arm)
+    arm = rotate(base.anchor, turned)  # from the body's origin to the anchor
+    slid = rotate(at - base.position, to_world) + arm - base.anchor
+    speed = rotate(linear, to_world) + rate * np.cross(base.axis, arm)
     along = np.linalg.pinv(base.axes)
     x[list(base.positions)] = base.initial + np.r_[along @ slid, angle]
     x[list(base.velocities)] = np.r_[along @ speed, rate]

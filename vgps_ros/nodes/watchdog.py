@@ -15,7 +15,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
@@ -54,7 +54,7 @@ class Watchdog(Node):
             if label not in (*STOPPED_BY_ZERO, "position"):
                 warning = (
                     "Arrays on commands are left alone, since layout.dim[0].label is "
-                    f"{quoted(label)}; set it to effort, velocity or position."
+                    f"{quote(label)}; set it to effort, velocity or position."
                 )
             self._health.report("label", warning=warning)
 

@@ -30,7 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.checks import check_spelling, finite_array, nearest, one_of, quoted
+from vgps_ros.core.checks import check_spelling, finite_array, nearest, one_of, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
@@ -137,7 +137,7 @@ class Contract:
         self._name, count = name, len(self.joints)
         if twice := [each for each, n in Counter((*self.joints, *self.held)).items() if n > 1]:
             raise InvalidInputError(
-                f"{name} names the joint {quoted(twice[0])} twice; name it once."
+                f"{name} names the joint {quote(twice[0])} twice; name it once."
             )
 
         def of_joints(key: str, default: float, of_held: str = "") -> Array:

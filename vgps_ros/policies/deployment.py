@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.bodies import StateLayout
-from vgps_ros.core.checks import nearest, one_of, quoted
+from vgps_ros.core.checks import nearest, one_of, quote
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import PastInputs
@@ -203,7 +203,7 @@ class _Content:
         for name in names:
             if name not in known:
                 raise InvalidInputError(
-                    f"The robot has no reading {quoted(name)}; name a sensor's number or a joint's "
+                    f"The robot has no reading {quote(name)}; name a sensor's number or a joint's "
                     f"coordinate, such as {self.names[0]}.{nearest(name, known)}"
                 )
         width = _width(self.layout)
@@ -231,7 +231,7 @@ def write_deployment(deployment: Deployment, path: Path) -> None:
     fitted = _fitted(layout, deployment.read, names) if names else {}
     if lacking := [name for name in read if name not in plain and name not in fitted]:
         raise InvalidInputError(
-            f"{deployment.name} reads {quoted(lacking[0])}, which follows from no measurement "
+            f"{deployment.name} reads {quote(lacking[0])}, which follows from no measurement "
             "without the robot's model; let observe and limits name joints and what the base "
             "feels, or let the executor load the task."
         )

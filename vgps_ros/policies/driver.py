@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.bodies import StateLayout
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.executed_control import Policy as AnyPolicy
 from vgps_ros.core.executed_control import RememberingPolicy
@@ -90,7 +90,7 @@ def observation_of(
     told = [each for each in names if each in signals.names]
     if strange := [each for each in names if each.startswith(TOLD) and each not in told]:
         raise InvalidInputError(
-            f"{name} reads {quoted(strange[0])}, but the task tells "
+            f"{name} reads {quote(strange[0])}, but the task tells "
             f"{', '.join([*signals.names, *known]) or 'nothing'}; add it to the task's commands, "
             "or a clock."
         )

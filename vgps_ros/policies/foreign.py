@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import check_spelling, nearest, one_of, quoted
+from vgps_ros.core.checks import check_spelling, nearest, one_of, quote
 from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -163,7 +163,7 @@ def _of_leapp(bundle: Mapping[str, Any], path: Path, home: Mapping[str, float]) 
     models, pipeline, name = bundle["models"], bundle["pipeline"], f"'{path}'"
     if len(models) != 1:
         raise InvalidInputError(
-            f"{name} has the networks {quoted([*models])}, but one can be executed; export the "
+            f"{name} has the networks {quote([*models])}, but one can be executed; export the "
             "policy as one."
         )
     ((node, described),) = models.items()
@@ -198,7 +198,7 @@ def _of_leapp(bundle: Mapping[str, Any], path: Path, home: Mapping[str, float]) 
         if tensor not in driving and tensor["name"] not in (*gains, *fed):
             raise InvalidInputError(
                 f"The output '{tensor['name']}' of {name} has the kind "
-                f"{quoted(tensor.get('kind', 'none'))}, which drives nothing here; known are "
+                f"{quote(tensor.get('kind', 'none'))}, which drives nothing here; known are "
                 f"{', '.join([*_DRIVEN_BY, *_GAINS])}."
             )
     places, end = dict[str, range](), 0
@@ -240,7 +240,7 @@ def _elements(tensor: Mapping[str, Any], size: int, name: str) -> list[str]:
     if len(axes) > 1 or len(found) != size:
         raise InvalidInputError(
             f"The tensor '{tensor['name']}' of {name} has {size} elements, but its element_names "
-            f"are {quoted(tensor.get('element_names'))}; name each element once."
+            f"are {quote(tensor.get('element_names'))}; name each element once."
         )
     return [str(each) for each in found]
 
@@ -254,7 +254,7 @@ def _terms_of_leapp(tensor: Mapping[str, Any], size: int, name: str) -> list[str
         return ["projected_gravity"]
     if kind not in _OF_LEAPP and (kind or not tensor.get("element_names")):
         raise InvalidInputError(
-            f"The input '{tensor['name']}' of {name} has the kind {quoted(kind)} and {size} "
+            f"The input '{tensor['name']}' of {name} has the kind {quote(kind)} and {size} "
             f"numbers; known are {', '.join(known)}, or none with readings as element_names."
             f"{nearest(kind, known)}"
         )
@@ -330,7 +330,7 @@ def _rows(value: Any) -> list[Any]:
 def _known(name: str, terms: Mapping[str, Any]) -> Any:
     if name not in terms:
         raise InvalidInputError(
-            f"The term {quoted(name)} is none of {', '.join(terms)}; write its metadata as YAML, "
+            f"The term {quote(name)} is none of {', '.join(terms)}; write its metadata as YAML, "
             f"with a reading of the robot in its place.{nearest(name, terms)}"
         )
     return terms[name]

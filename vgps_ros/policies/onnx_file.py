@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vgps_ros.core.checks import finite_array, quoted, told
+from vgps_ros.core.checks import finite_array, quote, told
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -134,7 +134,7 @@ def parsed(content: bytes, name: str) -> Any:
     for node in graph.node:
         if node.domain not in DOMAINS or node.op_type not in _OPERATORS:
             raise InvalidInputError(
-                f"{name} has the operator {quoted(f'{node.domain}.{node.op_type}'.lstrip('.'))}, "
+                f"{name} has the operator {quote(f'{node.domain}.{node.op_type}'.lstrip('.'))}, "
                 "which is none of those that are executed (docs/how_to/import_a_policy.md); export "
                 "it without."
             )
@@ -144,7 +144,7 @@ def parsed(content: bytes, name: str) -> Any:
     for tensor in (*graph.initializer, *(a.t for a in attributes)):
         if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
             raise InvalidInputError(
-                f"{name} keeps the tensor {quoted(tensor.name)} in another file, which is not "
+                f"{name} keeps the tensor {quote(tensor.name)} in another file, which is not "
                 "read; export it with all weights inside."
             )
     return model
@@ -189,7 +189,7 @@ def check_work(model: Any, rows: int, count: int, name: str) -> None:
             size = _size(shapes[each]) if each in shapes else math.inf
             if size > _MOST_NUMBERS:
                 raise InvalidInputError(
-                    f"{name} has a node {quoted(node.op_type)} that gives {min(size, 10**12):g} "
+                    f"{name} has a node {quote(node.op_type)} that gives {min(size, 10**12):g} "
                     f"numbers, but at most {_MOST_NUMBERS} may come of an observation, and how "
                     "many may not depend on it; use a smaller network of fixed sizes."
                 )
@@ -263,9 +263,9 @@ def joined_tensors(
     given = {i.name: i.type.tensor_type for i in graph.input if i.name not in constants}
     if given.keys() != inputs.keys() or not {*outputs} <= {o.name for o in graph.output}:
         raise InvalidInputError(
-            f"{name} has the inputs {quoted(sorted(given))} and the outputs "
-            f"{quoted([o.name for o in graph.output])}, but {quoted(sorted(inputs))} and "
-            f"{quoted(outputs)} are described; export it anew."
+            f"{name} has the inputs {quote(sorted(given))} and the outputs "
+            f"{quote([o.name for o in graph.output])}, but {quote(sorted(inputs))} and "
+            f"{quote(outputs)} are described; export it anew."
         )
     is_wide = any(to_dtype(t.elem_type) in (np.float64, np.int64) for t in given.values())
     element = helper.np_dtype_to_tensor_dtype(np.dtype(np.float64 if is_wide else np.float32))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import Memory
@@ -68,7 +68,7 @@ class OnnxPolicy:
         joints, named = controls.names, contract.all_joints
         if strange := [joint for joint in named if joint not in joints]:
             raise InvalidInputError(
-                f"{name} drives {quoted(list(contract.joints))}, but the robot's controls drive "
+                f"{name} drives {quote(list(contract.joints))}, but the robot's controls drive "
                 f"{', '.join(joints)}; use a policy of this robot.{nearest(strange[0], joints)}"
             )
         if idle := [joint for joint in joints if joint not in named]:
@@ -258,8 +258,8 @@ class OnnxPolicy:
             strange = np.isfinite(read).all(axis=1) & ~np.isfinite(found).all(axis=1)
             for row, actions in zip(rows[strange], found[strange], strict=True):
                 raise InvalidInputError(
-                    f"{self._name} answers the observation {quoted(row.tolist())} with "
-                    f"{quoted(actions.tolist())}, but actions must be finite; look for NaN among "
+                    f"{self._name} answers the observation {quote(row.tolist())} with "
+                    f"{quote(actions.tolist())}, but actions must be finite; look for NaN among "
                     "its weights, or a division by zero."
                 )
         return found

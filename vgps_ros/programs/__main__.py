@@ -116,10 +116,10 @@ def run_command(words: Sequence[str]) -> None:
     except KeyboardInterrupt:
         sys.exit(f"{name}: {sentence}")
     except (VgpsError, OSError) as error:
-        sys.exit(f"{name}: {printable(_told(error))}")
+        sys.exit(f"{name}: {printable(_error_sentence(error))}")
 
 
-def _told(error: Exception) -> str:
+def _error_sentence(error: Exception) -> str:
     """Returns an error's sentence; what Python says of a file by itself begins with a number."""
     if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
         return "The disk is full; free some space, and give the same command again."

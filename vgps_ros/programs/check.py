@@ -50,7 +50,7 @@ def run(arguments: argparse.Namespace) -> None:
             def advance(index: int, _: float) -> None:
                 progress.update(bar, completed=index, total=max(index, arguments.iterations))
 
-            task, found = _examined(arguments, advance)
+            task, found = _examine_in_thread(arguments, advance)
     except KeyboardInterrupt:
         print("vgps check: interrupted.", file=sys.stderr, flush=True)
         os._exit(1)  # what is compiled may go on for minutes, and Python would wait for it
@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
         _draw(task, found, arguments.picture)
 
 
-def _examined(
+def _examine_in_thread(
     arguments: argparse.Namespace, on_iteration: Callable[[int, float], None]
 ) -> tuple["Task", "TaskCheck"]:
     """Looks the task over in a thread, since compiled code would hear of no signal in this one."""

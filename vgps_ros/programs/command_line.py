@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 from vgps_ros.tasks import DEPLOYMENT
@@ -183,7 +183,7 @@ def _parser(s: Setting) -> Callable[[str], Any]:
                 value = kind(text if text.isascii() and "_" not in text else "")
             except ValueError as error:
                 raise argparse.ArgumentTypeError(
-                    f"{s.name} is {quoted(text)}, but it must be {_NUMBERS[kind]}, {s.range()}"
+                    f"{s.name} is {quote(text)}, but it must be {_NUMBERS[kind]}, {s.range()}"
                 ) from error
         try:
             s.check((value,) if is_list else value)

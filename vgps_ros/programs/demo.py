@@ -41,23 +41,23 @@ def run(arguments: argparse.Namespace) -> None:
 
     print("1. A policy that comes with vgps_ros. Drive it while yours is trained.", flush=True)
     if arguments.overwrite or not (shipped / "index.html").exists():
-        _run("export", _SHIPPED, "--web", shipped, *overwrite)
+        _run_command("export", _SHIPPED, "--web", shipped, *overwrite)
     _open(shipped / "index.html", arguments.no_browser)
 
     print("\n2. A policy of your own, trained on this machine.", flush=True)
     if arguments.overwrite or not RunFolder(run_folder).is_finished():
         training = ("--seed", arguments.seed, "--iterations", _ITERATIONS, "--output", run_folder)
-        _run("train", "--task", "quadruped", *training, *overwrite)
+        _run_command("train", "--task", "quadruped", *training, *overwrite)
 
     print("\n3. How well it obeys.", flush=True)
-    _run("evaluate", run_folder, "--seconds", "6", "--rollouts", "4", "--pushes", "20")
+    _run_command("evaluate", run_folder, "--seconds", "6", "--rollouts", "4", "--pushes", "20")
 
     print("\n4. Its page, and its ONNX file.", flush=True)
-    _run("export", run_folder, "--web", trained, *overwrite)
+    _run_command("export", run_folder, "--web", trained, *overwrite)
     _open(trained / "index.html", arguments.no_browser)
 
 
-def _run(*words: object) -> None:
+def _run_command(*words: object) -> None:
     """Runs a command of vgps in this process, after showing it."""
     from vgps_ros.programs.__main__ import run_command
 

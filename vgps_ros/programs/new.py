@@ -11,10 +11,10 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.tasks.task_file import Document, Place, shortened
+from vgps_ros.tasks.task_file import Document, Place, shorten
 
 if TYPE_CHECKING:
     import mujoco
@@ -25,7 +25,7 @@ class _Flag(Document):
 
     def error(self, place: Place, sentence: str) -> InvalidInputError:
         """Returns an error that begins with the flag."""
-        return InvalidInputError(shortened(f"--model: {sentence}"))
+        return InvalidInputError(shorten(f"--model: {sentence}"))
 
 
 def add_arguments(parser: Parser) -> None:
@@ -62,7 +62,7 @@ def _locks(given: list[str]) -> dict[str, Any]:
             place = math.nan
         if not math.isfinite(place):
             raise InvalidInputError(
-                f"--lock: {quoted(at)} is no position of {quoted(name)}; give a number, as in "
+                f"--lock: {quote(at)} is no position of {quote(name)}; give a number, as in "
                 f"{name}=0.5."
             )
         found[name] = {"lock": place}

@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> None:
     make = partial(_task, arguments.task, arguments.demonstration, optimizer)
     solvers = SolverProcesses(make) if settings.situations > 1 else None
     with (
-        _claimed(output.path),
+        _claim_folder(output.path),
         solvers or nullcontext(),
         TrainingProgress() as progress,
     ):
@@ -130,7 +130,7 @@ def _task(name: str, demonstration: str, optimizer: OptimizerSettings) -> "Task"
 
 
 @contextmanager
-def _claimed(folder: Path) -> Iterator[None]:
+def _claim_folder(folder: Path) -> Iterator[None]:
     """Keeps a folder for this training alone; raises where another one writes there now."""
     folder.mkdir(parents=True, exist_ok=True)
     descriptor = os.open(folder, os.O_RDONLY)

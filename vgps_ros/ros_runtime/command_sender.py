@@ -9,7 +9,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from vgps_ros.core.checks import one_of, quoted
+from vgps_ros.core.checks import one_of, quote
 from vgps_ros.core.controls import INTERFACES, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -112,7 +112,7 @@ def command_interfaces(names: str, controls: Controls) -> list[str]:
         one_of("command_interfaces", name, INTERFACES)
     if missing := [name for name in controls.fields if name not in found]:
         raise InvalidInputError(
-            f"command_interfaces is {quoted(names)}, but the controls are {controls.label()}; name "
+            f"command_interfaces is {quote(names)}, but the controls are {controls.label()}; name "
             f"{missing[0]}, too."
         )
     return found

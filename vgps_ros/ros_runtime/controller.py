@@ -27,7 +27,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 from vgps_msgs.msg import Signals as SignalsMsg
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import NO_CONTEXT
@@ -550,6 +550,6 @@ def _robot(reference: str) -> Deployment:
         return make_deployment(reference)
     except ModuleNotFoundError as error:
         raise InvalidInputError(
-            f"The task {quoted(reference)} needs the package {error.name}, which is not installed; "
+            f"The task {quote(reference)} needs the package {error.name}, which is not installed; "
             "install it, or name the file of 'vgps export --deployment', which needs none."
         ) from error

@@ -28,7 +28,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.validate_topic_name import validate_topic_name
 
-from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
 
@@ -102,8 +102,8 @@ def declare_fact(node: Node, setting: Setting) -> None:
     def check(given: Any) -> None:
         if given != setting.default:
             raise InvalidInputError(
-                f"{setting.name} is {quoted(list(given))}, but the task has "
-                f"{quoted(list(setting.default))}; leave this parameter out."
+                f"{setting.name} is {quote(list(given))}, but the task has "
+                f"{quote(list(setting.default))}; leave this parameter out."
             )
 
     declare(node, setting, also_check=check)
@@ -127,7 +127,7 @@ def graph_names(node: Node, setting: Setting) -> list[str]:
             validate_topic_name(name)
     except InvalidTopicNameException as error:
         raise InvalidInputError(
-            f"{setting.name} has {quoted(name)}, which is no name in ROS: use letters, digits and "
+            f"{setting.name} has {quote(name)}, which is no name in ROS: use letters, digits and "
             "_, with single / between them, as in robot_1."
         ) from error
     return names
@@ -169,7 +169,7 @@ def check_given_parameters(node: Node) -> None:
         if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
             declared = [descriptor.name for descriptor, _ in DECLARED]
             raise InvalidInputError(
-                f"{node.get_name()} has no parameter {quoted(name)}.{nearest(name, declared)} "
+                f"{node.get_name()} has no parameter {quote(name)}.{nearest(name, declared)} "
                 "Start it with --help alone to see all of them."
             )
 
@@ -185,7 +185,7 @@ def check_common_parameters(nodes: Sequence[Node]) -> None:
             declared = [descriptor.name for descriptor, _ in DECLARED]
             raise InvalidInputError(
                 f"None of {', '.join(node.get_name() for node in nodes)} has a parameter "
-                f"{quoted(name)}.{nearest(name, declared)} Start them with --help alone to see all."
+                f"{quote(name)}.{nearest(name, declared)} Start them with --help alone to see all."
             )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from vgps_ros.core.checks import check_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.observation import NO_CONTEXT, Observation, observed_marginals, widened
+from vgps_ros.core.observation import NO_CONTEXT, Observation, observed_marginals, widen_covariances
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
 # A derivative that is smaller than this share of a reading's largest is a difference's rounding.
@@ -72,7 +72,7 @@ class TrainingMarginals:
         means, covariances = observed_marginals(q, observation)
         told = np.diag(np.concatenate([np.zeros(n - len(told_std)), told_std**2]))
         try:
-            roots = np.linalg.cholesky(widened(covariances) + told)
+            roots = np.linalg.cholesky(widen_covariances(covariances) + told)
         except np.linalg.LinAlgError as error:
             raise InvalidInputError(
                 "The state_covariances have a matrix that is not positive semidefinite, but each "

@@ -38,7 +38,7 @@ _LEAST = 0.5  # share of the rollouts that must stay up, since the others tell n
 _LARGEST = 0.5  # of E: a policy that does half of what it is told must learn, not be told more
 
 
-def calibrated(task: Task, seed: int, policy: GaussianPolicy) -> GaussianPolicy:
+def calibrate(task: Task, seed: int, policy: GaussianPolicy) -> GaussianPolicy:
     """Returns the policy with calibrated commands; itself where that cannot be done.
 
     That is where no reading achieves a command, where the first layer has no bias, or where the
@@ -51,7 +51,7 @@ def calibrated(task: Task, seed: int, policy: GaussianPolicy) -> GaussianPolicy:
         found = _errors(task, seed, policy)
         if found is None or np.linalg.norm(found[0], 2) > _LARGEST:
             return policy
-        policy = _told(policy, columns, *found)
+        policy = _with_commands(policy, columns, *found)
     return policy
 
 
@@ -84,7 +84,7 @@ def _errors(task: Task, seed: int, policy: GaussianPolicy) -> tuple[Array, Array
     return line[:-1].T, line[-1]
 
 
-def _told(
+def _with_commands(
     policy: GaussianPolicy, columns: list[int], slopes: Array, offset: Array
 ) -> GaussianPolicy:
     """Returns the policy that does under the commands c what it did under (I + E)⁻¹ (c − b)."""

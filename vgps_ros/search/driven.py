@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.signals import Command
-from vgps_ros.search.judgement import SETTLING, Achieved, settled
+from vgps_ros.search.judgement import SETTLING, Achieved, settled_steps
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import asked_path
 
@@ -75,7 +75,7 @@ class Driven:
             tuple(signals.commands[i] for i in achieved.commands),
             asked,
             asked + errors,
-            settled(told[None], round(SETTLING / period))[0],
+            settled_steps(told[None], round(SETTLING / period))[0],
             **paths,
         )
 

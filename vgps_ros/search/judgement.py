@@ -195,7 +195,7 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
     achieved = Achieved.of(task)
     errors = achieved.errors(states, controls, context)
     period = task.dynamics.time_step
-    is_settled = settled(rollouts.commands, round(SETTLING / period))
+    is_settled = settled_steps(rollouts.commands, round(SETTLING / period))
     counted = is_settled & standing[:, :-1]
     errors = np.where(counted[..., None], errors, 0.0)
     counts = counted.sum(axis=1)
@@ -448,7 +448,7 @@ def execute_trial(task: Task, driver: Driver, rollouts: Trial) -> tuple[Array, A
     return states, controls, context
 
 
-def settled(commands: Array, steps: int) -> NDArray[np.bool_]:
+def settled_steps(commands: Array, steps: int) -> NDArray[np.bool_]:
     """Returns whether the commands (N, T, n_c) have not changed for so many steps, shape (N, T)."""
     at = np.arange(commands.shape[1])
     changes = np.zeros(commands.shape[:2], dtype=np.int64)

@@ -23,7 +23,7 @@ from vgps_ros.search.comparators.plato import Lessons, check_teacher, plato
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
-from vgps_ros.search.selection import finished, is_evaluated, tried
+from vgps_ros.search.selection import finish, is_evaluated, try_policy
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
@@ -145,7 +145,7 @@ def search(
         m_step = time.perf_counter() - began - q_step
         best, notice = state.best, ""
         if is_evaluated(settings, k):
-            this = tried(task, settings, seed, update.policy, k)
+            this = try_policy(task, settings, seed, update.policy, k)
             best = this if best is None or this.beats(best) else best
             notice = f"The policy of iteration {k} {this.summary(task, settings)}."
             if k == settings.iterations and best is not this:
@@ -153,7 +153,7 @@ def search(
                     f" That of iteration {best.k} is kept, which {best.summary(task, settings)}."
                 )
             if k == settings.iterations:
-                final = finished(task, settings, seed, best)
+                final = finish(task, settings, seed, best)
                 update = replace(update, policy=final.policy)
                 if final is not best:
                     notice += f" With calibrated commands it {final.summary(task, settings)}."

@@ -45,7 +45,7 @@ from vgps_ros.search.workspace import Workspace
 from vgps_ros.simulation.model import cyclic_positions, turning_hinges
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
-from vgps_ros.tasks.disturbed_task import disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import disturb_task, draw_disturbance
 
 _AFTER_PUSH = 0.5  # [s]
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
@@ -237,7 +237,7 @@ def _driven(
     change = min(steps, round(rng.uniform(*_CHANGE) / period))
     commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
     phases = signals.phases(steps, rng.uniform())
-    here, noise = disturbed(task, disturbance), settings.renew.noise * policy.noise_std
+    here, noise = disturb_task(task, disturbance), settings.renew.noise * policy.noise_std
     context, unrest = signals.context(commands, phases), here.unrest
     states, controls = here.dynamics.execute(
         policy,
@@ -308,8 +308,8 @@ def _first_motion(
     usual = motion(task.initial_state, np.concatenate([running_up, situation.context]))
     if _stays_up(task, usual):
         rest = Trajectory(usual.states[warm:], usual.controls[warm:])
-        return _joined(task, start, rest)
-    return own if np.isfinite(own.states).all() else _joined(task, start, _still(task))
+        return _join_at_start(task, start, rest)
+    return own if np.isfinite(own.states).all() else _join_at_start(task, start, _still(task))
 
 
 def _whole_cost(task: Task, motion: Trajectory) -> float:
@@ -354,7 +354,7 @@ def _still(task: Task) -> Trajectory:
     return Trajectory(np.tile(start, (steps + 1, 1)), np.tile(resting, (steps, 1)))
 
 
-def _joined(task: Task, start: Array, motion: Trajectory) -> Trajectory:
+def _join_at_start(task: Task, start: Array, motion: Trajectory) -> Trajectory:
     """Returns a motion from another start, which comes back to the one given as time passes.
 
     The motion is moved and turned to where the start is. The rest of their difference decays,
@@ -362,7 +362,9 @@ def _joined(task: Task, start: Array, motion: Trajectory) -> Trajectory:
     """
     space, model = task.dynamics.space, task.dynamics.model
     level = cyclic_positions(model)
-    states = _turned(model, motion.states, start) if len(level) == 2 else motion.states.copy()
+    states = (
+        _turn_to_heading(model, motion.states, start) if len(level) == 2 else motion.states.copy()
+    )
     difference = space.subtract(start, states[0])
     times = task.dynamics.time_step * np.arange(motion.horizon + 1)
     fading = np.exp(-times / _RETURN)[:, None]
@@ -372,7 +374,7 @@ def _joined(task: Task, start: Array, motion: Trajectory) -> Trajectory:
     return Trajectory(space.add(states, deviations), motion.controls)
 
 
-def _turned(model: mujoco.MjModel, states: Array, start: Array) -> Array:
+def _turn_to_heading(model: mujoco.MjModel, states: Array, start: Array) -> Array:
     """Returns states (T, n_x) turned about the vertical to the heading of a start.
 
     A robot whose base is no free joint keeps its heading.

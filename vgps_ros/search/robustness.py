@@ -34,7 +34,7 @@ from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import (
     body_number,
     can_slide_on_ground,
-    disturbed,
+    disturb_task,
     draw_disturbance,
     on_dynamics,
 )
@@ -158,7 +158,7 @@ def robustness(
 
     @cache  # each kind is tried without a disturbance too, which is the same for all kinds
     def tried(kind: str, value: float) -> dict[str, Any]:
-        return figures(task, _tried(task, driver, kind, value, trial, seed, settings))
+        return figures(task, _try_disturbance(task, driver, kind, value, trial, seed, settings))
 
     found: dict[str, dict[str, Any]] = {}
     for kind, given in values.items():
@@ -210,7 +210,7 @@ def behaviours(
     seconds = trial.noise.shape[1] * task.dynamics.time_step
 
     def tried(disturbance: Disturbance) -> Behaviour:
-        here = disturbed(task, disturbance)
+        here = disturb_task(task, disturbance)
         return behaviour(here, driver, trial.of(rows[disturbance]), (seconds,))
 
     with ThreadPoolExecutor(count_cores()) as pool:
@@ -250,7 +250,7 @@ def usual_noise(task: Task, driver: Driver) -> Array:
     return np.array([std(name) for name in driver.observation.readings.names])
 
 
-def _tried(
+def _try_disturbance(
     task: Task,
     driver: Driver,
     kind: str,
@@ -272,10 +272,10 @@ def _tried(
         return behaviours(task, driver, drawn, given)
     body, here = settings.body, task
     if kind == "slopes":
-        here = disturbed(task, Disturbance(slope=(value, 0.0)))
+        here = disturb_task(task, Disturbance(slope=(value, 0.0)))
     elif kind in _IN_DISTURBANCE:
         changed: dict[str, Any] = {_IN_DISTURBANCE[kind]: value}
-        here = disturbed(task, Disturbance(body=body, **changed))
+        here = disturb_task(task, Disturbance(body=body, **changed))
     elif kind == "masses":
         here = _heavier(task, body_number(task, body), value)
     elif kind == "contacts":

@@ -49,7 +49,7 @@ def roll_out(
         return drawn[t]
 
     states, controls, steps = dynamics.rollouts(starts, noted, task.horizon)
-    return _scored(task, states, controls, np.ascontiguousarray(drawn.swapaxes(0, 1))), steps
+    return _score(task, states, controls, np.ascontiguousarray(drawn.swapaxes(0, 1))), steps
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Execution:
         """Returns what was drawn, and what it cost; see `roll_out`."""
         executed = np.nan_to_num(self.states[:, :-1]), np.nan_to_num(self.controls)
         drawn = self.policy.mean(self.task.observation.along(*executed)) + self.noise
-        return _scored(self.task, self.states, self.controls, drawn)
+        return _score(self.task, self.states, self.controls, drawn)
 
 
 class Executions:
@@ -130,7 +130,7 @@ class Executions:
 _PARTS = "noise", "states", "controls"
 
 
-def _scored(task: Task, states: Array, controls: Array, drawn: Array) -> Rollouts:
+def _score(task: Task, states: Array, controls: Array, drawn: Array) -> Rollouts:
     """Adds the costs to states (N, T+1, n_x), controls as applied and as drawn, (N, T, n_u)."""
     lies = np.logical_or.accumulate(task.fallen(states[:, :-1]), axis=1)
     costs = np.where(lies, task.cost.rest(task.horizon), task.cost(states[:, :-1], controls))

@@ -22,7 +22,7 @@ import numpy as np
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.policies.driver import Driver
-from vgps_ros.search.calibration import calibrated
+from vgps_ros.search.calibration import calibrate
 from vgps_ros.search.judgement import (
     SELECTION,
     Achieved,
@@ -100,27 +100,29 @@ def sound_step(
     """
     if not is_evaluated(settings, k):
         return fitted
-    least = tried(task, settings, seed, before, k).success - _LOST
+    least = try_policy(task, settings, seed, before, k).success - _LOST
     change = fitted.parameters - before.parameters
     for share in _SHORTER:
         policy = fitted
         if share < 1.0:
             policy = replace(fitted, parameters=before.parameters + share * change)
-        if tried(task, settings, seed, policy, k).success >= least:
+        if try_policy(task, settings, seed, policy, k).success >= least:
             return policy
     return before
 
 
-def finished(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Tried:
+def finish(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Tried:
     """Returns the best policy with calibrated commands, if it succeeds about as often with them."""
-    policy = calibrated(task, seed, best.policy)
+    policy = calibrate(task, seed, best.policy)
     if policy is best.policy:
         return best
-    found = tried(task, settings, seed, policy, best.k)
+    found = try_policy(task, settings, seed, policy, best.k)
     return found if found.success >= best.success - _ALIKE else best
 
 
-def tried(task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int) -> Tried:
+def try_policy(
+    task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int
+) -> Tried:
     """Tries the policy of iteration k; all are tried in the same rollouts."""
     return Tried(policy, k, *_success_and_loss(task, settings, seed, policy))
 

@@ -16,7 +16,7 @@ from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, check_push_ends
-from vgps_ros.tasks.disturbed_task import UNDISTURBED, disturbed, draw_disturbance
+from vgps_ros.tasks.disturbed_task import UNDISTURBED, disturb_task, draw_disturbance
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Situation:
         Raises:
             InvalidInputError: the disturbance does not suit the robot.
         """
-        here = disturbed(task, self.disturbance)
+        here = disturb_task(task, self.disturbance)
         return replace(here.in_context(self.context), initial_state=self.initial_state)
 
     def is_same(self, other: "Situation") -> bool:
@@ -86,7 +86,7 @@ def check_situations(task: Task, settings: SearchSettings, seed: int) -> None:
     if settings.disturb.start_before:
         _check_later_starts(task, settings.situations)
     rng = generator(seed, Stream.DISTURBANCES, 0)
-    disturbed(task, draw_disturbance(task, settings.disturb, rng))
+    disturb_task(task, draw_disturbance(task, settings.disturb, rng))
 
 
 def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Array]:

@@ -89,7 +89,7 @@ def optimize(
     task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
-    ddp, tolerance = _scaled(task.optimizer.ddp, request.cost_scale), 0.0
+    ddp, tolerance = _scale_settings(task.optimizer.ddp, request.cost_scale), 0.0
     if request.policy and request.previous:
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
@@ -162,7 +162,7 @@ def _distribution(
     place = (request.iteration, request.trajectory_index)
     rng = generator(request.seed, Stream.DYNAMICS_DERIVATIVES, *place)
     linear, steps = mean_derivatives(task.dynamics, q, count, settings.dynamics_sample_width, rng)
-    problem, mu = Problem(task.dynamics, cost), _scaled(settings.ddp, request.cost_scale)
+    problem, mu = Problem(task.dynamics, cost), _scale_settings(settings.ddp, request.cost_scale)
     policy = centre_of_q(problem, problem.around(mean, linear), mu.distribution_regularization)
     return _around(task, request, mean, policy, linear), steps
 
@@ -188,7 +188,7 @@ def _around(
     )
 
 
-def _scaled(settings: DdpSettings, alpha: float) -> DdpSettings:
+def _scale_settings(settings: DdpSettings, alpha: float) -> DdpSettings:
     return replace(
         settings,
         initial_regularization=alpha * settings.initial_regularization,

@@ -63,7 +63,7 @@ def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
         replay = kept[max(0, len(kept) - work.settings.renew.replay) :]
     work.enter(pairs[0].solutions)
     # Lines 1 and 6 include line 3, since a solution comes with its marginals.
-    pairs = [replace(p, policy=_fitted(work, p, k, replay)) for p in pairs]  # line 4
+    pairs = [replace(p, policy=_fit_policy(work, p, k, replay)) for p in pairs]  # line 4
     if k >= min(work.settings.candidate_iterations, work.settings.iterations):
         pairs = [max(pairs, key=_likelihood)]
     # Lines 5 and 6; the first candidate is solved last, so that the latest q(ζ) are the policy's.
@@ -73,7 +73,7 @@ def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
     return Candidates(first.policy, first.solutions, tuple(reversed(others)), replay)
 
 
-def _fitted(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]) -> GaussianPolicy:
+def _fit_policy(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]) -> GaussianPolicy:
     """Returns the M-step's policy, as far as it is no worse unseen."""
     fitted = work.fit(pair.policy, pair.solutions, k, replay)
     taken = sound_step(work.task, work.settings, work.seed, pair.policy, fitted, k)

@@ -15,7 +15,7 @@ from vgps_ros.core.policy_fit import (
     fit_policy,
     fit_to_targets,
     initial_policy,
-    resampled,
+    resample,
 )
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
@@ -223,7 +223,7 @@ class Workspace:
         settings = self.settings.fit
         count = settings.samples_per_step * self.task.horizon * len(self.tasks)
         rng = generator(self.seed, Stream.POLICY_FIT, k)
-        samples = resampled(targets, probabilities, count, rng)
+        samples = resample(targets, probabilities, count, rng)
         return fit_to_targets(policy, samples, self.standardization(), settings)
 
     def reoptimize(

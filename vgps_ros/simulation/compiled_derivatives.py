@@ -33,7 +33,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled, compiled_part
+from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import mujoco_functions as mj
 from vgps_ros.simulation.compiled_states import (
@@ -84,7 +84,7 @@ class Balance(NamedTuple):
     is_smooth: NDArray[np.bool_]
 
 
-@compiled
+@compile_at_first_call
 def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes f_x, f_u at N steps from the first on, by the chain rule over their simulator steps.
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled, compiled_part
+from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.core.executed_control import (
     ARTANH,
     EXP,
@@ -36,7 +36,7 @@ from vgps_ros.simulation.mujoco_functions import mj_step_skip
 _NOTHING = np.int32(mujoco.mjtStage.mjSTAGE_NONE)
 
 
-@compiled
+@compile_at_first_call
 def advance(sim, bounds, times, states, controls, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Does a control step of N rollouts, each at a time; `bounds` are those of states and controls.
 
@@ -50,7 +50,7 @@ def advance(sim, bounds, times, states, controls, after):  # type: ignore[no-unt
         copy(states[i], x)
         is_inside = is_within(x, bounds[0])
         for j in range(len(sim.ctrl)):
-            controls[i, j] = sim.ctrl[j] = _clipped(sim, j, controls[i, j])
+            controls[i, j] = sim.ctrl[j] = _clip(sim, j, controls[i, j])
         if not is_inside:
             controls[i] = np.nan
         elif is_within(controls[i], bounds[1]):
@@ -65,7 +65,7 @@ def advance(sim, bounds, times, states, controls, after):  # type: ignore[no-unt
     return executed, inside
 
 
-@compiled
+@compile_at_first_call
 def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
     sim, bounds, nominal_states, nominal_controls, gains, gaps, states, controls
 ):
@@ -82,7 +82,7 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
             sim.ctrl[i] = nominal_controls[t, i]
             for j in range(len(deviation)):
                 sim.ctrl[i] += gains[t, i, j] * deviation[j]
-            sim.ctrl[i] = _clipped(sim, i, sim.ctrl[i])
+            sim.ctrl[i] = _clip(sim, i, sim.ctrl[i])
         copy(sim.ctrl, controls[t])
         if not (is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
             return
@@ -91,7 +91,7 @@ def follow(  # type: ignore[no-untyped-def]  # pragma: no cover
         copy(x, states[t + 1])
 
 
-@compiled
+@compile_at_first_call
 def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes rollouts of given controls from states[:, 0], up to where they leave their bounds."""
     for rollout in range(len(states)):
@@ -105,7 +105,7 @@ def replay(sim, bounds, controls, states):  # type: ignore[no-untyped-def]  # pr
             copy(x, states[rollout, t + 1])
 
 
-@compiled
+@compile_at_first_call
 def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
     sim,
     bounds,
@@ -157,7 +157,7 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
                 a[n_known + i] = told[rollout, t, i] if t < awake else calm[rollout, t, i]
             network_output(network, a, z)
             for i in range(len(sim.ctrl)):
-                sim.ctrl[i] = _clipped(sim, i, a[i] + noise[rollout, t, i])
+                sim.ctrl[i] = _clip(sim, i, a[i] + noise[rollout, t, i])
             copy(sim.ctrl, controls[rollout, t])
             copy(sim.ctrl, memory[n_past:])
             if not (is_within(sim.ctrl, bounds[1]) and _advance(sim, t, x, bounds[0])):
@@ -196,7 +196,7 @@ def _advance(sim, t, x, bound):  # type: ignore[no-untyped-def]  # pragma: no co
 
 
 @compiled_part
-def _clipped(sim, i, control):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _clip(sim, i, control):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Returns a control within its limits; NaN stays."""
     return min(max(control, sim.low[i]), sim.high[i])
 
@@ -218,7 +218,7 @@ def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
     )
 
 
-@compiled
+@compile_at_first_call
 def network_output(network, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes μ_θ(o) over o, the beginning of a; a and z must be as long as the widest layer.
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled, compiled_part
+from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.simulation import mujoco_functions as mj
 from vgps_ros.simulation.compiled_states import copy, is_within, put_state
 
@@ -35,7 +35,7 @@ class ReadingPlan(NamedTuple):
     columns: NDArray[np.int64]
 
 
-@compiled
+@compile_at_first_call
 def read_each(sim, plan, states, controls, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the readings of N states; NaN where a state or control is not finite."""
     for i in range(len(states)):
@@ -78,7 +78,7 @@ def _compute(sim, needs, positions_too):  # type: ignore[no-untyped-def]  # prag
     mj.mj_sensor_vel(sim.model, sim.data)
 
 
-@compiled
+@compile_at_first_call
 def differentiate_each(sim, plan, eps, states, controls, out, by_state, by_control):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes the readings of N states, and their derivatives with respect to (δx, u).
 

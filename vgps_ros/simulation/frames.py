@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotated
+from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotate
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import joint_names, joint_ranges, state_names
 
@@ -84,13 +84,13 @@ def _chain(model: mujoco.MjModel, body: int, frames: list[str], names: list[str]
             name = _unlike(f"{model.joint(joint).name or f'joint_{joint}'}_link", names)
             names.append(name)
         to_zero, turned_to_zero = _to_zero(model, joint)
-        position = position + rotated(anchor - at + to_zero, rotation)
+        position = position + rotate(anchor - at + to_zero, rotation)
         rotation = product(rotation, turned_to_zero)
         yield Link(name, parent, joint, body if is_body else None, position, rotation)
         if is_body:
             return
         at, position, rotation, parent = anchor, _NOWHERE, _UPRIGHT, name
-    yield Link(frames[body], parent, FIXED, body, position + rotated(-at, rotation), rotation)
+    yield Link(frames[body], parent, FIXED, body, position + rotate(-at, rotation), rotation)
 
 
 def _to_zero(model: mujoco.MjModel, joint: int) -> tuple[Array, Array]:
@@ -132,7 +132,7 @@ class MovingLinks:
             turn = _UPRIGHT
             match kind:
                 case _JOINT.mjJNT_SLIDE:
-                    positions[i] += rotated(state[place] * axis, rotations[i])
+                    positions[i] += rotate(state[place] * axis, rotations[i])
                 case _JOINT.mjJNT_HINGE:
                     turn = np.empty(4)
                     mujoco.mju_axisAngle2Quat(turn, axis, state[place])

@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.checks import nearest, quoted, told
+from vgps_ros.core.checks import nearest, quote, told
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -149,7 +149,7 @@ def check_supported(model: mujoco.MjModel) -> None:
             low, high = getattr(model, f"{'jnt' if owner == 'joint' else owner}_{name}")[i]
             if low > high:
                 raise InvalidInputError(
-                    f"The {owner} {quoted(getattr(model, owner)(i).name)} has {name} from "
+                    f"The {owner} {quote(getattr(model, owner)(i).name)} has {name} from "
                     f"{low:g} to {high:g}, but the first must not be above the second: exchange "
                     "them in the model."
                 )
@@ -210,7 +210,7 @@ def scalar_names(
     if index is None:
         return [f"{sensor}/{part}" for part in parts] or [sensor]
     if not parts:
-        raise InvalidInputError(f"the sensor {quoted(sensor)} is one number; leave its index out.")
+        raise InvalidInputError(f"the sensor {quote(sensor)} is one number; leave its index out.")
     found = []
     for wanted in [index] if isinstance(index, str | int) else index:
         part = str(wanted)
@@ -218,8 +218,8 @@ def scalar_names(
             part = parts[wanted]
         if part not in parts:
             raise InvalidInputError(
-                f"the sensor {quoted(sensor)} has the parts {', '.join(parts)}, but not "
-                f"{quoted(wanted)}.{nearest(part, parts)}"
+                f"the sensor {quote(sensor)} has the parts {', '.join(parts)}, but not "
+                f"{quote(wanted)}.{nearest(part, parts)}"
             )
         found.append(f"{sensor}/{part}")
     return found
@@ -496,7 +496,7 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
     Raises:
         InvalidInputError: the text has one, asks for too much, or cannot be checked.
     """
-    robot, included = _parsed(mjcf), set[Path]()
+    robot, included = _parse(mjcf), set[Path]()
     keys, within = ("assetdir", "meshdir", "texturedir"), folder or Path()
     named = {compiler.get(key, "") for compiler in robot.iter("compiler") for key in keys}
     waiting = [(robot, 1.0)]
@@ -505,7 +505,7 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
         for file in [value for name, value in element.items() if name.startswith("file") and value]:
             if folder is None:
                 raise InvalidInputError(
-                    f"The robot's MJCF refers to the file {quoted(file)}, but its text must "
+                    f"The robot's MJCF refers to the file {quote(file)}, but its text must "
                     "hold all of the robot; leave out meshes, textures and includes."
                 )
             for path in {within / each / file for each in ("", *named)} - included:
@@ -515,11 +515,15 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
                     raise InvalidInputError(f"'{path}', which the MJCF names, is no plain file.")
                 included.add(path)
                 if element.tag == "include":
-                    waiting.append((_parsed(path.read_bytes()), copies))
-        copies *= _asked(element, "count", "nkey")  # of what stands in a copied one, too
-        numbers = _asked(element, *_SIZES, *(name for name in element.attrib if "nuser_" in name))
+                    waiting.append((_parse(path.read_bytes()), copies))
+        copies *= _product_of_attributes(
+            element, "count", "nkey"
+        )  # of what stands in a copied one, too
+        numbers = _product_of_attributes(
+            element, *_SIZES, *(name for name in element.attrib if "nuser_" in name)
+        )
         if element.tag == "texture" and element.get("type") != "2d":  # a cube's six squares
-            numbers = max(numbers, 6 * _asked(element, "width") ** 2)
+            numbers = max(numbers, 6 * _product_of_attributes(element, "width") ** 2)
         step = float(*_NUMBER.findall(element.get("timestep", "0.01"))[:1])
         if not 1e-7 <= step <= 10.0:
             raise InvalidInputError(
@@ -530,9 +534,9 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
         for asked, most, what in (
             (copies, _MOST_COPIES, "copies"),
             (numbers, _MOST_NUMBERS, "numbers"),
-            (_asked(element, "params", of=max), _MOST_PARTS, "parts of a side"),
-            (_asked(element, *times, of=max), _MOST_STEPS, "steps of a solver"),
-            (_asked(element, "inttotal") / step, _MOST_STEPS, "time steps"),
+            (_product_of_attributes(element, "params", of=max), _MOST_PARTS, "parts of a side"),
+            (_product_of_attributes(element, *times, of=max), _MOST_STEPS, "steps of a solver"),
+            (_product_of_attributes(element, "inttotal") / step, _MOST_STEPS, "time steps"),
         ):
             if not asked <= most:
                 raise InvalidInputError(
@@ -542,7 +546,7 @@ def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
         waiting += ((inner, copies) for inner in element)
 
 
-def _parsed(mjcf: str | bytes) -> ElementTree.Element:
+def _parse(mjcf: str | bytes) -> ElementTree.Element:
     """Returns the root of a text."""
     try:
         if isinstance(mjcf, str) and "<!DOCTYPE" in mjcf:
@@ -556,7 +560,7 @@ def _parsed(mjcf: str | bytes) -> ElementTree.Element:
         ) from error
 
 
-def _asked(
+def _product_of_attributes(
     element: ElementTree.Element, *names: str, of: Callable[[list[float]], float] = math.prod
 ) -> float:
     """Returns the product of an element's numbers in attributes of these names; 1 of none."""

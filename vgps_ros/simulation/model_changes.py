@@ -20,7 +20,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import known, matching, one_of, quoted, told
+from vgps_ros.core.checks import known, matching, one_of, quote, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.simulation.model import MUJOCO_ERRORS, check_text
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
@@ -124,13 +124,13 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         _drop_references(spec, changes)
     for name, sensor in sensors.items():
         _add_sensor(spec, name, sensor)
-    model = _compiled(spec)
+    model = _compile(spec)
     for name, sensor in sensors.items():
         _check_directions(model, name, sensor)
     for name, size in short.items():  # which MuJoCo has filled
         raise InvalidChangeError(
             ("model",),
-            f"the keyframe {quoted(name)} has {size} positions (qpos), but the model has "
+            f"the keyframe {quote(name)} has {size} positions (qpos), but the model has "
             f"{positions}; give it all of them.",
         )
     return spec
@@ -197,7 +197,7 @@ def _to_free(spec: mujoco.MjSpec, patterns: Sequence[str]) -> list[Any]:
         if body.parent.name != "world":
             raise InvalidChangeError(
                 ("changes", "free_bodies"),
-                f"{quoted(body.name)} is carried by {quoted(body.parent.name)}, and MuJoCo has "
+                f"{quote(body.name)} is carried by {quote(body.parent.name)}, and MuJoCo has "
                 "free joints of bodies in the world alone; name one of those.",
             )
     return [*found.values()]
@@ -213,7 +213,7 @@ def _remove_joints(
     A body's joints act one after another, X = B J₁ J₂. If J₂ is locked, its motion goes into B, and
     J₁ is named in the frame behind it: X = (B J₂) (J₂⁻¹ J₁ J₂).
     """
-    before = _compiled(spec)
+    before = _compile(spec)
     names = {*gone, *locked}
     joint_type, kinds = mujoco.mjtObj.mjOBJ_JOINT, (0, 1)  # of a joint's transmission
     tied = {
@@ -261,7 +261,7 @@ def _remove_joints(
     name_all(spec)
     for key in spec.keys:
         key.qpos, key.qvel, key.ctrl, key.act = [], [], [], []
-    after, data = _compiled(spec), mujoco.MjData(before)
+    after, data = _compile(spec), mujoco.MjData(before)
     bodies = {body.joints[0].name: before.body(body.name).id for body in freed}
     for k, key in enumerate(spec.keys):
         positions, velocities = after.qpos0.copy(), np.zeros(after.nv)
@@ -281,7 +281,7 @@ def _remove_joints(
         key.qpos, key.qvel = positions, velocities
 
 
-def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     try:
         with warnings.catch_warnings():  # of old words in somebody's file, which nobody here edits
             warnings.simplefilter("ignore")
@@ -319,11 +319,11 @@ def _lock(model: mujoco.MjModel, body: Any, joint: Any, at: float, kept: Sequenc
 
 def _weigh(spec: mujoco.MjSpec, body: Any, mass: float, place: Place) -> None:
     """Sets the mass of a body [kg]; its inertia grows alike."""
-    own = float(_compiled(spec).body(body.name).mass[0])
+    own = float(_compile(spec).body(body.name).mass[0])
     if not own:
         raise InvalidChangeError(
             place,
-            f"{quoted(body.name)} weighs nothing, so that no share of "
+            f"{quote(body.name)} weighs nothing, so that no share of "
             "its inertia could grow; give it an inertial in the model.",
         )
     share = mass / own
@@ -427,14 +427,14 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
     if not joints:
         raise InvalidChangeError(
             (*place, "joint"),
-            f"{quoted(patterns[0])} is neither a hinge nor a slide, but a motor drives only those.",
+            f"{quote(patterns[0])} is neither a hinge nor a slide, but a motor drives only those.",
         )
     for joint in joints:
         name = key if [joint.name] == patterns else joint.name
         if name in {actuator.name for actuator in spec.actuators}:
             raise InvalidChangeError(
                 place,
-                f"the model has an actuator {quoted(name)}; remove it by remove_actuators first.",
+                f"the model has an actuator {quote(name)}; remove it by remove_actuators first.",
             )
         actuator = spec.add_actuator(name=name, target=joint.name)
         actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
@@ -526,7 +526,7 @@ def self_contained(spec: mujoco.MjSpec) -> str:
     Raises:
         InvalidInputError: the model needs a file of another kind.
     """
-    model = _compiled(spec)
+    model = _compile(spec)
     if in_files := [hfield.name for hfield in spec.hfields if hfield.file]:
         raise InvalidInputError(
             f"The height field '{in_files[0]}' is in a file, which is not supported: write its "
@@ -536,7 +536,7 @@ def self_contained(spec: mujoco.MjSpec) -> str:
         if mesh.file:
             _write_in(model, mesh)
     spec.meshdir = spec.texturedir = ""
-    _compiled(spec)
+    _compile(spec)
     with warnings.catch_warnings():  # the same as when it was first compiled
         warnings.simplefilter("ignore")
         return str(spec.to_xml())

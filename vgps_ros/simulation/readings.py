@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import compiled_readings as compiled
@@ -142,7 +142,7 @@ def _plan(simulations: Simulations, names: tuple[str, ...], measured: bool) -> c
         else:
             known = [*numbers, *states]
             raise InvalidInputError(
-                f"The model has no reading {quoted(name)}; name a sensor's number or a joint's "
+                f"The model has no reading {quote(name)}; name a sensor's number or a joint's "
                 f"coordinate, such as {', '.join(known[:3])}.{nearest(name, known)}"
             )
     needs, columns = compiled.NOTHING, np.zeros(0, dtype=np.int64)

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 import numpy as np
 
-from vgps_ros.core.bodies import rotated
+from vgps_ros.core.bodies import rotate
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.controls import controls_of
@@ -129,7 +129,7 @@ def _add_shapes(link: Element, role: str, model: mujoco.MjModel, geom: int) -> I
     position, rotation = model.geom_pos[geom], model.geom_quat[geom]
     for tag, size, centre in _shapes(model, geom):
         added = SubElement(link, role)
-        _add_origin(added, position + rotated(centre, rotation), rotation)
+        _add_origin(added, position + rotate(centre, rotation), rotation)
         SubElement(SubElement(added, "geometry"), tag, size)
         yield added
 

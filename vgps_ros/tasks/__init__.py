@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks.registry import BUILT_IN, runs_code, task_file_of, task_function_of
 
@@ -35,7 +35,7 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
         task = function()
         if not isinstance(task, Task):
             raise InvalidInputError(
-                f"{quoted(reference)} returns {type(task).__name__}, but it must return a "
+                f"{quote(reference)} returns {type(task).__name__}, but it must return a "
                 "vgps_ros.tasks.Task."
             )
     else:
@@ -50,7 +50,7 @@ def make_task(reference: str, demonstration: str = "") -> "Task":
     for name, conditions in (("fallen", task.fallen), ("limits", task.limits)):
         if broken := conditions.broken(task.initial_state):
             raise InvalidInputError(
-                f"{name} of the task {quoted(reference)} excludes its start: {broken} Change the "
+                f"{name} of the task {quote(reference)} excludes its start: {broken} Change the "
                 "start or the limit."
             )
     return task
@@ -64,7 +64,7 @@ def recorded_task(reference: str) -> "Task":
     """
     if runs_code(reference):
         raise InvalidInputError(
-            f"The task {quoted(reference)} is Python code, which is not run because a file names "
+            f"The task {quote(reference)} is Python code, which is not run because a file names "
             "it; offer it as an entry point of the group vgps_ros.tasks."
         )
     return make_task(reference)

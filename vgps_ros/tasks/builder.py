@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.augmentation import Augmentation, Mirror, swap_parts
-from vgps_ros.core.checks import known, matching, quoted
+from vgps_ros.core.checks import known, matching, quote
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
@@ -182,7 +182,7 @@ class _Reader:
                 found = self._observed(entry, place)
             for name in found:
                 self.document.refuse(
-                    name in names, place, f"{quoted(name)} is read twice; leave it out."
+                    name in names, place, f"{quote(name)} is read twice; leave it out."
                 )
             names += found
         self.document.refuse(
@@ -241,7 +241,7 @@ class _Reader:
             self.document.refuse(
                 not found and not any(fnmatchcase(pattern, lock) for lock in locked),
                 ("mirror", "flip"),
-                f"{quoted(pattern)} is no name or pattern of a reading or an actuator.",
+                f"{quote(pattern)} is no name or pattern of a reading or an actuator.",
             )
             signs |= dict.fromkeys(found, -1.0)
 
@@ -363,8 +363,8 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
         )
     return FeatureCost(
         features=read.readings(names, ("cost",)),
-        targets=_joined(targets, steps),
-        weights=_joined(weights, steps),
+        targets=_join_columns(targets, steps),
+        weights=_join_columns(weights, steps),
         smooth=np.concatenate([np.empty(0), *smooth]),
         control_weights=controls,
         control_targets=poses,
@@ -431,7 +431,7 @@ def _each(values: Any, size: int, key: str, read: _Reader, place: Place) -> Arra
     return np.array(_parts(values, size, key, read, place), dtype=float)
 
 
-def _joined(columns: Iterable[Array], steps: int) -> Array:
+def _join_columns(columns: Iterable[Array], steps: int) -> Array:
     """Returns columns side by side, (T, m), or their first row (m,) where they never change."""
     values = np.concatenate([np.empty((steps, 0)), *columns], axis=1)
     return values[0] if (values == values[0]).all() else values
@@ -500,7 +500,7 @@ def start_state(start: Start, model: mujoco.MjModel, document: Document) -> Arra
             document.refuse(
                 numbers.size != size,
                 place,
-                f"{quoted(name)} has {size} numbers, but {numbers.size} are given.",
+                f"{quote(name)} has {size} numbers, but {numbers.size} are given.",
             )
             values[addresses[i] : end] = numbers
     mujoco.mj_normalizeQuat(model, data.qpos)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import finite_array, positive, quoted
+from vgps_ros.core.checks import finite_array, positive, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
@@ -114,7 +114,7 @@ def _leg(leg: Any, name: str) -> tuple[float, list[float]]:
         given |= {f"{key}/{axis}": v for axis, v in value.items()} if is_vector else {key: value}
     if unknown := [key for key in given if key not in ("duration", *FIELDS)]:
         raise InvalidInputError(
-            f"{name} has {quoted(unknown[0])}, but a leg has a duration, and linear and angular "
+            f"{name} has {quote(unknown[0])}, but a leg has a duration, and linear and angular "
             "velocities with x, y and z."
         )
     if "duration" not in given:

@@ -38,7 +38,7 @@ UNDISTURBED = Disturbance()
 
 
 @lru_cache(maxsize=64)  # each solve of a search asks for the same ones
-def disturbed(task: Task, disturbance: Disturbance) -> Task:
+def disturb_task(task: Task, disturbance: Disturbance) -> Task:
     """Returns the task under a disturbance: the same start and cost, other dynamics.
 
     Raises:
@@ -210,7 +210,7 @@ def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.Mj
         InvalidInputError: ridges or steps are wanted, but there is no floor; or actuators shall be
             weaker or stronger, but none has a largest force.
     """
-    spec = _named(mjcf)
+    spec = _named_model(mjcf)
     model = spec.compile()
     if payload := disturbance.payload:
         place, small = model.body(body).ipos, payload * np.full(3, 1e-6)
@@ -235,7 +235,7 @@ def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.Mj
 @lru_cache(maxsize=8)  # each draw of a disturbance asks for them
 def body_names(mjcf: str) -> list[str]:
     """Returns the name of each body of an MJCF, in MuJoCo's order; all have one."""
-    model = _named(mjcf).compile()
+    model = _named_model(mjcf).compile()
     return [model.body(i).name for i in range(model.nbody)]
 
 
@@ -251,7 +251,7 @@ def can_slide_on_ground(model: mujoco.MjModel) -> bool:
     return bool(touch.any() or (model.pair_dim > 1).any())
 
 
-def _named(mjcf: str) -> mujoco.MjSpec:
+def _named_model(mjcf: str) -> mujoco.MjSpec:
     """Returns the model of an MJCF, whose bodies have names as those of a changed model do."""
     spec = mujoco.MjSpec.from_string(mjcf)
     name_all(spec)

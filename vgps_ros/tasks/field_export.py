@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 import yaml
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.controls import ControlKind
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import LAST_ACTION, terms_of
@@ -76,7 +76,7 @@ def numbers_of_terms(task: Task, observed: tuple[str, ...]) -> list[Number]:
     """Returns what a policy of the task reads, by the terms of the field."""
     terms = terms_of(observed)
     read = {name for name, _ in terms} - {LAST_ACTION, *task.signals.names}
-    known = _known(task, sorted(read))
+    known = _context_terms(task, sorted(read))
     acting = [Number(f"{LAST_ACTION}/{i}", LAST_ACTION, i) for i in range(len(task.controls.names))]
     found = list[Number]()
     for name, lag in terms:
@@ -85,7 +85,7 @@ def numbers_of_terms(task: Task, observed: tuple[str, ...]) -> list[Number]:
     return found
 
 
-def _known(task: Task, names: list[str]) -> dict[str, tuple[str, int, float]]:
+def _context_terms(task: Task, names: list[str]) -> dict[str, tuple[str, int, float]]:
     """Returns term, index and sign of readings, commands and clock, where there are any."""
     signals, joints = task.signals, task.controls.names
     found = {f"clock/{each}": ("gait_phase", i, 1.0) for i, each in enumerate(("sin", "cos"))}
@@ -134,7 +134,7 @@ def write_unitrees(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     for number in numbers:
         if number.term not in _UNITREES:
             raise InvalidInputError(
-                f"The policy reads {quoted(number.name)}, which is none of a deploy.yaml's terms "
+                f"The policy reads {quote(number.name)}, which is none of a deploy.yaml's terms "
                 f"{', '.join(_UNITREES.values())}; observe these alone, or use a LEAPP bundle."
             )
     n_u, origin = len(controls.names), controls.at_joints(np.array(exported.origin))
@@ -154,7 +154,7 @@ def write_unitrees(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     offsets = [origin[n.index] * (n.term == "joint_pos") for n in numbers]
     build = Builder("float32")
     read = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
-    actions, _ = network(exported, build, _picked(build, read, places, numbers, offsets))
+    actions, _ = network(exported, build, _pick_inputs(build, read, places, numbers, offsets))
     build.give(actions, "actions")
     graph = build.graph([build.declared("obs", 1, end)], [build.declared("actions", 1, n_u)])
     ranges: dict[str, Any] = {key: [0.0, 0.0] for key in _RANGES}
@@ -221,7 +221,7 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     numbers = numbers_of_terms(task, exported.policy.observed)
     if past := next((n.name for n in numbers if n.lag), ""):
         raise InvalidInputError(
-            f"The policy reads {quoted(past)} of former steps, which equal the first one in the "
+            f"The policy reads {quote(past)} of former steps, which equal the first one in the "
             "first step; no state of a LEAPP bundle does: use the ONNX file or a deploy.yaml."
         )
     build, double = Builder("float32"), np.dtype(np.float64)
@@ -269,7 +269,7 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     places = [first[n.term] + loose.get(n.name, n.index) for n in numbers]
     read = build.node("Concat", *parts, axis=1)
     zeros = [0.0] * len(numbers)
-    picked = _picked(build, read, places, numbers, zeros)
+    picked = _pick_inputs(build, read, places, numbers, zeros)
     if stops:
         picked = _stopping(build, picked, numbers, task, parts_of)
     actions, _ = network(exported, build, picked)
@@ -330,7 +330,7 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     _write(folder / "policy.yaml", _yaml(said))
 
 
-def _picked(
+def _pick_inputs(
     build: Builder, read: str, places: list[int], numbers: list[Number], offsets: list[Any]
 ) -> str:
     """Adds what picks a policy's inputs out of a vector."""

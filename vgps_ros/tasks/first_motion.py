@@ -50,9 +50,9 @@ def with_beginning(task: Task, entry: Begin, document: Document) -> Task:
         with document.at(("begin", "file")):
             return with_demonstration(task, path)
     if isinstance(entry, Pd):
-        begin = Made(partial(_executed, _pd_law(task, entry, document)))
+        begin = Made(partial(_execute, _pd_law(task, entry, document)))
     elif isinstance(entry, Sampling):
-        begin = _sampled(task, entry, document)
+        begin = _sampling_search(task, entry, document)
     elif isinstance(entry, PathMotion):
         begin = AlongPath(path_states(task, entry, document))
     elif isinstance(entry, BestMotion):
@@ -255,7 +255,7 @@ def _several(task: Task, entry: BestMotion, document: Document) -> Best:
     """Returns the motions of which the best one is chosen."""
     low, high = task.dynamics.control_limits
     still = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
-    held = Made(partial(_executed, _pd_law(task, Pd(), document)))
+    held = Made(partial(_execute, _pd_law(task, Pd(), document)))
     half = half_ranges(low, high)
     noisy = [Drawn(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
     arriving = [Arrival(window, seed) for window in (0.3, 0.6, 1.0) for seed in (0, 1)]
@@ -263,11 +263,11 @@ def _several(task: Task, entry: BestMotion, document: Document) -> Best:
     step, std = task.dynamics.time_step, tuple(half.tolist())
     plan, period = max(0.5, step), max(0.05, step)
     short = Sampling(plan=plan, period=period, samples=64, iterations=4, knots=8, std=std)
-    going_on = replace(_sampled(task, short, document), ddp_iterations=0)
+    going_on = replace(_sampling_search(task, short, document), ddp_iterations=0)
     return Best(task, (held, AlongPath(still), *noisy, *arriving, going_on), entry.iterations)
 
 
-def _executed(
+def _execute(
     law: Callable[[int, Array], Array], task: Task, start: Array, steps: int
 ) -> Trajectory:
     return task.dynamics.rollout(start, law, steps)
@@ -393,7 +393,7 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str, document: 
     return values
 
 
-def _sampled(task: Task, begin: Sampling, document: Document) -> SampledMotion:
+def _sampling_search(task: Task, begin: Sampling, document: Document) -> SampledMotion:
     """Returns what finds a motion by samples."""
     step = task.dynamics.time_step
     for key, time in (("plan", begin.plan), ("period", begin.period)):
@@ -464,7 +464,7 @@ def path_states(task: Task, begin: PathMotion, document: Document) -> Array:
     else:
         path = document.file(("begin", "file"), begin.file)
         with document.at(("begin", "file")):
-            states = _recorded(task, path, begin.scale)
+            states = _recorded_states(task, path, begin.scale)
     n_q, n_v = task.dynamics.model.nq, task.dynamics.model.nv
     space, period = task.dynamics.space, task.dynamics.time_step
     moves = space.subtract(states[1:], states[:-1])[:, :n_v]
@@ -487,7 +487,7 @@ def _between_keyframes(task: Task, begin: PathMotion, document: Document) -> Arr
     return space.add(origins, (when - before)[:, None] * space.subtract(ends, origins))
 
 
-def _recorded(task: Task, path: Path, scale: float) -> Array:
+def _recorded_states(task: Task, path: Path, scale: float) -> Array:
     """Returns states with the positions of a file, and the start's where it has none."""
     model = task.dynamics.model
     positions = state_names(model)[: model.nq]

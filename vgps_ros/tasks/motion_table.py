@@ -17,7 +17,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import finite_array, nearest, quoted
+from vgps_ros.core.checks import finite_array, nearest, quote
 from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
@@ -55,7 +55,7 @@ def read_columns(path: Path, names: list[str], times: Array) -> Array:
     for name in ("time", *names):
         if name not in header:
             raise InvalidInputError(
-                f"{path.name} has no column {quoted(name)}.{nearest(name, header)}"
+                f"{path.name} has no column {quote(name)}.{nearest(name, header)}"
             )
     table = finite_array(path.name, rows, rows.shape)
     when = table[:, header.index("time")]

@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
-from vgps_ros.core.checks import nearest, quoted
+from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import Setting
@@ -38,14 +38,14 @@ def task_file_of(reference: str) -> Path | None:
     """
     if reference in BUILT_IN:
         return _FOLDER / reference / "task.yaml"
-    if _function_of(reference) or _installed(reference):
+    if _function_of(reference) or _installed_folder(reference):
         return None
     path = Path(reference).expanduser()
     if path.suffix in (".yaml", ".yml") or (path / "task.yaml").is_file():
         return path / "task.yaml" if path.is_dir() else path
     names = task_names()
     raise InvalidInputError(
-        f"There is no task {quoted(reference)}; name one of {', '.join(names)}, {_FORMS}."
+        f"There is no task {quote(reference)}; name one of {', '.join(names)}, {_FORMS}."
         f"{nearest(reference, names)}"
     )
 
@@ -62,8 +62,8 @@ def task_function_of(reference: str) -> Callable[[], Any] | None:
         found: Any = import_module(f"vgps_ros.tasks.{reference}.task")
         return found.task
     if function := _function_of(reference):
-        return _loaded(*function)
-    point = _installed(reference)
+        return _load_function(*function)
+    point = _installed_folder(reference)
     return point.load() if point else None
 
 
@@ -77,16 +77,16 @@ def _function_of(reference: str) -> tuple[Path, str] | None:
     return (Path(path).expanduser(), name) if path.endswith(".py") else None
 
 
-def _installed(name: str) -> EntryPoint | None:
+def _installed_folder(name: str) -> EntryPoint | None:
     found = entry_points(group="vgps_ros.tasks", name=name)
     return next(iter(found), None)
 
 
 @cache  # a file is run once
-def _loaded(path: Path, name: str) -> Callable[[], Any]:
+def _load_function(path: Path, name: str) -> Callable[[], Any]:
     """Runs a file, and returns a function of it."""
     if not path.is_file():
-        raise InvalidInputError(f"There is no file {quoted(str(path))}; name {_FORMS}.")
+        raise InvalidInputError(f"There is no file {quote(str(path))}; name {_FORMS}.")
     try:
         found = runpy.run_path(str(path))
     except Exception as error:
@@ -94,7 +94,7 @@ def _loaded(path: Path, name: str) -> Callable[[], Any]:
     function: Any = found.get(name)
     if not callable(function):
         known = [key for key, value in found.items() if callable(value)]
-        raise InvalidInputError(f"{path} has no function {quoted(name)}.{nearest(name, known)}")
+        raise InvalidInputError(f"{path} has no function {quote(name)}.{nearest(name, known)}")
     return function
 
 

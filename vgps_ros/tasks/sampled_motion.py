@@ -151,7 +151,7 @@ def receding_motion(
     states, controls = [start[None]], []
     for first in range(0, horizon, period):
         if not is_cancelled():
-            plan = replanned(problem, sampler, plan, states[-1][-1], first, rng)
+            plan = replan(problem, sampler, plan, states[-1][-1], first, rng)
         piece = plan[: min(period, horizon - first)]
         states.append(problem.simulate(states[-1][-1], piece[None])[0, 1:])
         controls.append(piece)
@@ -160,7 +160,7 @@ def receding_motion(
     return Trajectory(np.concatenate(states), np.concatenate(controls))
 
 
-def replanned(
+def replan(
     problem: Plans,
     sampler: Sampler,
     plan: Array,

@@ -44,7 +44,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.parser import ParserError
 from ruamel.yaml.scanner import ScannerError
 
-from vgps_ros.core.checks import listed, nearest, one_of, quoted
+from vgps_ros.core.checks import list_names, nearest, one_of, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
@@ -122,7 +122,7 @@ class Document:
 
     def error_at(self, line: int, sentence: str, where: str = "") -> InvalidInputError:
         """Returns an error that begins with the file and a line of it."""
-        return InvalidInputError(shortened(f"{shown(self.path)} line {line}{where}: {sentence}"))
+        return InvalidInputError(shorten(f"{show_path(self.path)} line {line}{where}: {sentence}"))
 
     @contextmanager
     def at(self, place: Place) -> Iterator[None]:
@@ -142,7 +142,7 @@ class Document:
         path = self.existing(place, folder, name).resolve()
         if not path.is_relative_to(folder):
             raise self.error(
-                place, f"the file {quoted(name)} lies outside this file's folder; move it there."
+                place, f"the file {quote(name)} lies outside this file's folder; move it there."
             )
         return path
 
@@ -158,9 +158,9 @@ class Document:
                 return path
             others = [entry.name for entry in islice(os.scandir(folder), 1000)]
         except (OSError, RuntimeError) as error:  # a name that is too long, a loop of links
-            raise self.error(place, f"the file {quoted(name)} cannot be found.") from error
+            raise self.error(place, f"the file {quote(name)} cannot be found.") from error
         raise self.error(
-            place, f"there is no file {quoted(name)} in {shown(folder)}.{nearest(name, others)}"
+            place, f"there is no file {quote(name)} in {show_path(folder)}.{nearest(name, others)}"
         )
 
 
@@ -190,13 +190,13 @@ class Entries(dict[str, Any]):
         return self._document.at(place)
 
 
-def shown(path: Path) -> str:
+def show_path(path: Path) -> str:
     """Returns a file's name with its folder, such as hopper/task.yaml, for a sentence."""
     name = "/".join(path.parts[-2:])
-    return name if name.isprintable() and len(name) < 80 else quoted(name)
+    return name if name.isprintable() and len(name) < 80 else quote(name)
 
 
-def shortened(sentence: str) -> str:
+def shorten(sentence: str) -> str:
     """Returns a sentence on one line; the middle of one that is too long is left out."""
     text = "".join(letter if letter.isprintable() else " " for letter in sentence)
     text = " ".join(text.split())
@@ -210,7 +210,7 @@ def place_in_words(place: Place) -> str:
         if isinstance(key, int):
             text += f"[{key}]"
         else:
-            text += f".{key}" if len(key) <= 60 else f".{quoted(key)}"
+            text += f".{key}" if len(key) <= 60 else f".{quote(key)}"
     return text.removeprefix(".")
 
 
@@ -251,11 +251,11 @@ def _text(document: Document) -> str:
     path = document.path
     try:
         if not path.is_file():
-            raise InvalidInputError(f"There is no file {quoted(str(path))}; name a YAML file.")
+            raise InvalidInputError(f"There is no file {quote(str(path))}; name a YAML file.")
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except (OSError, ValueError) as error:
-        raise InvalidInputError(f"The file {shown(path)} cannot be read: {error}.") from error
+        raise InvalidInputError(f"The file {show_path(path)} cannot be read: {error}.") from error
     if len(data) > LARGEST_FILE:
         raise document.error((), f"the file is larger than {LARGEST_FILE} bytes; make it shorter.")
     try:
@@ -274,7 +274,7 @@ def _note_lines(document: Document, node: Node, place: Place) -> None:
         raise document.error(place, "anchors (&) are not read; write the value out.")
     if isinstance(node, ScalarNode) and not node.value.isprintable():
         raise document.error(
-            place, f"the text {quoted(node.value)} must stand on one line, in letters that print."
+            place, f"the text {quote(node.value)} must stand on one line, in letters that print."
         )
     if isinstance(node, SequenceNode):
         for i, entry in enumerate(node.value):
@@ -309,10 +309,10 @@ def as_record(document: Document, kind: type[R]) -> R:
     try:
         return msgspec.convert(document.data, kind)
     except msgspec.ValidationError as error:
-        raise document.error(*_explained(document.data, kind, str(error))) from error
+        raise document.error(*_explain(document.data, kind, str(error))) from error
 
 
-def _explained(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
+def _explain(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
     """Returns the place of the entry that msgspec complains about, and a sentence on it."""
     complaint, _, path = error.partition(" - at `$")
     place, value = _entry(data, kind, path.rstrip("`"), error)
@@ -320,12 +320,12 @@ def _explained(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
     known = list(dict.fromkeys(key for each in schemas for key in each.get("properties", {})))
     if found := re.fullmatch("Object contains unknown field `(.*)`", complaint, re.S):
         return (*place, found[1]), (
-            f"{quoted(found[1])} is no key here; the keys are {', '.join(known)}."
+            f"{quote(found[1])} is no key here; the keys are {', '.join(known)}."
             f"{nearest(found[1], known)}"
         )
     if found := re.fullmatch("Object missing required field `(.*)`", complaint, re.S):
         _, hint = _schemas(kind, data, (*place, found[1]))
-        return place, f"the key {quoted(found[1])} is missing{hint}."
+        return place, f"the key {quote(found[1])} is missing{hint}."
     choices = list(dict.fromkeys(str(each) for one in schemas for each in one.get("enum", ())))
     wanted = f"one of {', '.join(choices)}"
     if not complaint.startswith("Invalid"):
@@ -334,7 +334,7 @@ def _explained(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
             wanted = wanted.replace(word, plain)
         wanted = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):g}", wanted)
     return place, (
-        f"it is {_named(value)}, but it must be {wanted}{hint}.{nearest(str(value), choices)}"
+        f"it is {_name_value(value)}, but it must be {wanted}{hint}.{nearest(str(value), choices)}"
     )
 
 
@@ -410,13 +410,13 @@ def _hint(key: str | int, schema: dict[str, Any]) -> str:
     return f": {schema['description']}" + (f"; for example `{key}: {example}`" if example else "")
 
 
-def _named(value: Any) -> str:
+def _name_value(value: Any) -> str:
     """Returns a value as a sentence names it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
         return f"a list of {len(value)}"
-    return "a mapping" if isinstance(value, dict) else quoted(value)
+    return "a mapping" if isinstance(value, dict) else quote(value)
 
 
 def read_task_file(path: Path) -> tuple[TaskFile, Document]:
@@ -474,7 +474,7 @@ def find_model(task: TaskFile, document: Document) -> Path:
     if not found or ".." in Path(found[2]).parts:
         raise document.error(
             ("model",),
-            f"it is {quoted(task.model)}, but it must be package://PACKAGE/PATH inside a package.",
+            f"it is {quote(task.model)}, but it must be package://PACKAGE/PATH inside a package.",
         )
     folders = _package_folders(found[1])
     document.refuse(
@@ -645,7 +645,7 @@ def _check_sensor(name: str, sensor: Sensor, document: Document) -> None:
     document.refuse(
         sensor.type not in SENSOR_TYPES,
         (*place, "type"),
-        f"{quoted(sensor.type)} is no type of sensor; there are {listed(list(SENSOR_TYPES))}."
+        f"{quote(sensor.type)} is no type of sensor; there are {list_names(list(SENSOR_TYPES))}."
         f"{nearest(sensor.type, SENSOR_TYPES)}",
     )
     document.refuse("/" in name, place, "a sensor's name must not hold a slash; rename it.")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vgps_ros import DRAWS_BY
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.robot_shape import RobotShape
@@ -52,7 +52,7 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
     chosen = {"disable": "", "glfw": ""}.get(chosen, chosen).lower().strip()
     if chosen not in ("", *_LIBRARIES):
         raise RenderingError(
-            f"MUJOCO_GL is {quoted(chosen)}, but must be one of {', '.join(_LIBRARIES)}; set one "
+            f"MUJOCO_GL is {quote(chosen)}, but must be one of {', '.join(_LIBRARIES)}; set one "
             "that is installed, or leave it out."
         )
     try:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import listed
+from vgps_ros.core.checks import list_names
 from vgps_ros.core.controls import Mask
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.errors import VgpsError
@@ -102,7 +102,7 @@ def examine_task(
         return found
     linear, _ = task.dynamics.linearize(first)
     found.errors = derivative_errors(task, first)
-    is_unmoved = _unmoved(task, first, linear)
+    is_unmoved = _find_unmoved(task, first, linear)
     found.troubles += [
         f"No control moves the cost's {name}: is it the right sensor, does the robot touch what it "
         "measures, and are the actuators strong enough?"
@@ -110,7 +110,7 @@ def examine_task(
     ]
     found.troubles += inexact(task, found.errors)
     start = replace(nominal, linear_dynamics=linear)
-    q = _optimized(task, request, start, on_iteration, seconds, found)
+    q = _optimize(task, request, start, on_iteration, seconds, found)
     names = [*task.cost_names, "controls"]
     costs = (_parts_of(task, motion) for motion in (first, found.optimized or first))
     found.parts = list(zip(names, *costs, strict=True))
@@ -118,8 +118,8 @@ def examine_task(
         stds = np.sqrt(np.diagonal(q.control_covariances, axis1=1, axis2=2))
         found.troubles += _wild(task, np.median(stds, axis=0) / settings.alphas[0] ** 0.5)
         found.troubles += _after(task, q.mean, found, task.cost.values(still))
-        found.troubles += _untouched(task, q.mean, is_unmoved)
-        found.commands = _obeyed(task, request, q.mean, on_iteration, seconds)
+        found.troubles += _name_untouched(task, q.mean, is_unmoved)
+        found.commands = _measure_commands(task, request, q.mean, on_iteration, seconds)
         found.troubles += [
             f"Commanded {value:.3g} {unit} {name}, DDP's motion does {does:.3g}: give the reading "
             "that follows this command more weight or controls less (cost), or command less "
@@ -130,7 +130,7 @@ def examine_task(
     return found
 
 
-def _obeyed(
+def _measure_commands(
     task: Task,
     request: OptimizationRequest,
     motion: Trajectory,
@@ -167,7 +167,7 @@ def _obeyed(
     return found
 
 
-def _optimized(
+def _optimize(
     task: Task,
     request: OptimizationRequest,
     start: Nominal,
@@ -315,7 +315,7 @@ def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
     return list((np.abs(plain - centred).max(axis=(1, 2)) / sizes).tolist())
 
 
-def _unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mask:
+def _find_unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mask:
     """Returns which readings of the cost no control changes along a motion, by the chain rule."""
     states, controls = motion.states[:-1], motion.controls
     _, j_x, j_u = task.cost.features.linearize(states, controls)
@@ -327,7 +327,7 @@ def _unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mask:
     return np.asarray(moved < _UNMOVED)
 
 
-def _untouched(task: Task, motion: Trajectory, is_known: Mask) -> list[str]:
+def _name_untouched(task: Task, motion: Trajectory, is_known: Mask) -> list[str]:
     """Names what the task is for and does not change in most steps; some of it is known already.
 
     What a robot moves by itself always changes a little, so this is of a thing that it must touch.
@@ -372,7 +372,7 @@ def _after(task: Task, motion: Trajectory, found: TaskCheck, still: Array) -> li
     shares = dict(zip(task.actuated_joint_names, beyond.mean(axis=0).tolist(), strict=True))
     at = sorted((name for name in shares if shares[name] > _AT_LIMIT), key=shares.__getitem__)
     if at:
-        shown = listed([f"{name} ({100 * shares[name]:.0f} %)" for name in reversed(at)])
+        shown = list_names([f"{name} ({100 * shares[name]:.0f} %)" for name in reversed(at)])
         troubles.append(
             f"Controls are at their limits in a part of the steps: {shown}. DDP keeps to limits: "
             "allow more, or give controls more weight, if they should have some left for what "

@@ -14,7 +14,7 @@ from vgps_ros.search.comparators.bounded_step import (
     LinearPolicy,
     bounded_step,
     divergence,
-    followed,
+    propagate_marginals,
 )
 
 T, N_X, N_U = 8, 3, 2
@@ -105,7 +105,7 @@ def test_no_other_policy_within_the_bound_costs_less(problem, rng):
             gains=step.policy.gains + size * rng.standard_normal((T, N_U, N_X)),
             covariances=step.policy.covariances * np.exp(size * rng.standard_normal()),
         )
-        means, sigma = followed(linear, moved, start, spread)
+        means, sigma = propagate_marginals(linear, moved, start, spread)
         kl = divergence(moved, reference, means, sigma)
         # The Lagrangian has its minimum at the step, and so has the cost within the bound.
         change = expected_cost(cost, moved, means, sigma) - least
@@ -140,7 +140,7 @@ def test_the_divergence_is_that_of_the_dense_gaussians_of_whole_trajectories(pro
     expected = np.trace(p @ s) - len(m) + (m_0 - m) @ p @ (m_0 - m)
     expected = 0.5 * (expected + np.linalg.slogdet(s_0)[1] - np.linalg.slogdet(s)[1])
     assert_allclose(
-        divergence(new, old, *followed(linear, new, start, spread)), expected, rtol=1e-6
+        divergence(new, old, *propagate_marginals(linear, new, start, spread)), expected, rtol=1e-6
     )
 
 

@@ -55,7 +55,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled, compiled_part
+from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.records import Array, CostExpansion, LinearDynamics
 
@@ -153,7 +153,7 @@ def backward_pass(
 _FROM_TOP, _LOWER_HALF = np.int64(0), np.int64(0)  # see `add_transposed_product`
 
 
-@compiled
+@compile_at_first_call
 def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
     f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu, low, high, gaps, slopes
 ):
@@ -272,7 +272,7 @@ _SHORTEST = 1e-10  # a step that must be shorter than this share brings nothing 
 _SUFFICIENT = 0.1  # share of the gradient's promise that a step must keep
 
 
-@compiled
+@compile_at_first_call
 def minimize_in_box(hessian, gradient, low, high, k, free):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Moves k to the minimiser, and marks the coordinates that are free there.
 

@@ -27,7 +27,7 @@ from websockets import ConnectionClosed
 from websockets.asyncio import server as websocket_server
 from websockets.typing import Origin
 
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.signals import Command, Signals
@@ -160,7 +160,7 @@ class LivePage:
             return None
         told = json.loads(text)
         if not isinstance(told, dict):
-            raise InvalidInputError(f"the stick tells {quoted(told)}, but no values by name.")
+            raise InvalidInputError(f"the stick tells {quote(told)}, but no values by name.")
         values = finite_array("The stick", [*told.values()], (len(told),)).tolist()
         taken, _ = signals.clamped(dict(zip(told, values, strict=True)))
         return {c.name: taken.get(i, c.rest) for i, c in enumerate(signals.commands)}

@@ -17,7 +17,7 @@ from vgps_msgs.action import TrainPolicy
 from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 from vgps_msgs.msg import LearningProgress
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.settings import Setting, with_values
 from vgps_ros.messages.conversions import policy_to_msg, progress_to_msg, robot_of
@@ -91,7 +91,7 @@ class PolicyLearner(Node):
         needs_optimizer = self._method != "mdgps" or self._settings.mirror.dynamics == "model"
         if names and (needs_optimizer or self._settings.disturb != DisturbanceSettings()):
             raise InvalidInputError(
-                f"rollout_robots is {quoted(names)}, but rollouts are enough only for method mdgps "
+                f"rollout_robots is {quote(names)}, but rollouts are enough only for method mdgps "
                 "with mirror.dynamics fitted, and robots are not disturbed: set both, and nothing "
                 "of disturb, or leave rollout_robots out."
             )

@@ -13,7 +13,7 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from vgps_ros.core.bodies import BACK, product, rotated
+from vgps_ros.core.bodies import BACK, product, rotate
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
@@ -117,7 +117,7 @@ class SimulatedImu:
         else:
             self._samples.clear()
         _, rotation, _, angular = self._base.parts(state)
-        along = rotated(acceleration, rotation * BACK)
+        along = rotate(acceleration, rotation * BACK)
         values = np.concatenate([rotation, angular, along])
         self._samples.append(_Sample(stamp, state.copy(), values))
         while len(self._samples) > 1 and self._samples[1].stamp <= stamp - self._latency:

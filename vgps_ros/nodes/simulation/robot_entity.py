@@ -19,7 +19,7 @@ from simulation_interfaces.msg import (
 from simulation_interfaces.srv import SetEntityState
 
 from vgps_ros.core.bodies import BodyJoint
-from vgps_ros.core.checks import finite_array, quoted
+from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
@@ -108,7 +108,7 @@ class RobotEntity:
             raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, sentence)
         if state.header.frame_id not in _FRAMES:
             sentence = (
-                f"header.frame_id is {quoted(state.header.frame_id)}, but it must be '{WORLD}', "
+                f"header.frame_id is {quote(state.header.frame_id)}, but it must be '{WORLD}', "
                 "'odom' or empty, which are the same here."
             )
             raise RefusedError(Result.RESULT_OPERATION_FAILED, sentence)
@@ -161,7 +161,7 @@ def _matches(pattern: str, name: str) -> bool:
         return bool(compute.match_substring_regex(pyarrow.array([name]), pattern)[0].as_py())
     except ValueError as error:
         reason = str(error).removeprefix("Invalid regular expression: ").rstrip(".")
-        sentence = f"The filter {quoted(pattern)} is no regular expression: {quoted(reason)}."
+        sentence = f"The filter {quote(pattern)} is no regular expression: {quote(reason)}."
         raise RefusedError(Result.RESULT_OPERATION_FAILED, sentence) from error
 
 

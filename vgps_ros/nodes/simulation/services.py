@@ -29,7 +29,7 @@ from simulation_interfaces.srv import (
     StepSimulation,
 )
 
-from vgps_ros.core.checks import quoted
+from vgps_ros.core.checks import quote
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.nodes.simulation.robot_entity import RefusedError, RobotEntity
 from vgps_ros.ros_runtime.qos import CALLS
@@ -188,7 +188,7 @@ class SimulationServices:
             SetSimulationState: self._set_simulation_state,
             StepSimulation: self._step,
         }.items():
-            call = partial(_answered, answer)
+            call = partial(_answer, answer)
             answer_later(node.create_service(kind, f"~/{_name(kind)}", call, qos_profile=CALLS))
         ActionServer(
             node,
@@ -284,7 +284,7 @@ class SimulationServices:
 
     def _check_name(self, name: str) -> None:
         if name != self._entity.name:
-            sentence = f"There is no entity {quoted(name)}, only {quoted(self._entity.name)}."
+            sentence = f"There is no entity {quote(name)}, only {quote(self._entity.name)}."
             raise RefusedError(Result.RESULT_NOT_FOUND, sentence)
 
     def _entity_state(self) -> EntityState:
@@ -318,7 +318,7 @@ def _name(kind: Any) -> str:
     return re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
 
 
-def _answered(answer: Callable[[Any, Any], Future | None], request: Any, response: Any) -> Any:
+def _answer(answer: Callable[[Any, Any], Future | None], request: Any, response: Any) -> Any:
     """Returns the response, or a future of it, with the outcome."""
     result = Result(result=Result.RESULT_OK)
     try:

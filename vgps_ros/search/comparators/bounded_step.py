@@ -117,7 +117,7 @@ def bounded_step(
         """Returns the step at η; None if its divergence is too large."""
         try:
             policy = _minimum(dynamics, cost, energy, eta, entropy)
-            found = followed(dynamics, policy, start, spread)
+            found = propagate_marginals(dynamics, policy, start, spread)
         except DivergenceError:
             return None
         kl = divergence(policy, reference, *found)
@@ -151,7 +151,7 @@ def bounded_step(
     return found
 
 
-def followed(
+def propagate_marginals(
     dynamics: LinearDynamics, policy: LinearPolicy, start: Array, spread: Spread
 ) -> tuple[Array, Array]:
     """Returns the means of δx, shape (T+1, n_dx), and the covariances of q's marginals.

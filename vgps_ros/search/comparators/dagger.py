@@ -29,7 +29,7 @@ from scipy.special import softmax
 
 from vgps_ros.core.gaussians import squared_distance
 from vgps_ros.core.marginals import control_means, sample_deviations
-from vgps_ros.core.observation import Observation, observed_marginals, widened
+from vgps_ros.core.observation import Observation, observed_marginals, widen_covariances
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
@@ -120,4 +120,6 @@ def marginal_log_weights(
     The inputs are o, what it reads of x_1 … x_T of each rollout, shape (N, T, n).
     """
     means, covariances = observed_marginals(q, observation)
-    return -0.5 * squared_distance(inputs - means, widened(covariances)) / inputs.shape[-1]
+    return (
+        -0.5 * squared_distance(inputs - means, widen_covariances(covariances)) / inputs.shape[-1]
+    )

@@ -224,7 +224,7 @@ def guided_search(
     else:
         kept = list(zip(last.guiding, last.adapted, last.recent, strict=True))
         samples = [
-            combined([*guiding, *adapted, *recent], here.observation)
+            combine_rollouts([*guiding, *adapted, *recent], here.observation)
             for here, (guiding, adapted, recent) in zip(work.tasks, kept, strict=True)
         ]
         latest = maximize(
@@ -245,7 +245,7 @@ def guided_search(
         solutions = work.reoptimize(solutions, best, k)
         guides = guiding_distributions(work, solutions)
         new = [_guide(work, q, i, work.settings.policy_rollouts, k) for i, q in enumerate(guides)]
-        adapted = _joined(adapted, new, _RECENT)
+        adapted = _latest_batches(adapted, new, _RECENT)
     return GuidedUpdate(best, solutions, lowest, w_r, last.guiding, recent, adapted)
 
 
@@ -256,7 +256,7 @@ def _with_rollouts(
     draws = work.sample_policy(policy, work.settings.policy_rollouts, k)
     new = [Batch(rollouts.sound(), policy) for rollouts in draws]
     kept = _RECENT * (2 if work.settings.gps.redraw else 1)
-    return _joined(recent, new, kept), mean_rollout_cost(draws)
+    return _latest_batches(recent, new, kept), mean_rollout_cost(draws)
 
 
 def _first(work: Workspace) -> GuidedUpdate:
@@ -275,12 +275,12 @@ def _first(work: Workspace) -> GuidedUpdate:
     )
 
 
-def _joined(batches: Batches, new: Sequence[Batch], count: int) -> Batches:
+def _latest_batches(batches: Batches, new: Sequence[Batch], count: int) -> Batches:
     """Returns the latest `count` batches from each initial state."""
     return tuple((*old, batch)[-count:] for old, batch in zip(batches, new, strict=True))
 
 
-def combined(batches: Sequence[Batch], observation: Observation) -> ImportanceSamples:
+def combine_rollouts(batches: Sequence[Batch], observation: Observation) -> ImportanceSamples:
     """Returns the rollouts of several distributions as those of their mixture.
 
     Raises:

@@ -117,9 +117,9 @@ def begin(work: Workspace) -> tuple[OptimizationResult, ...]:
     for i, (situation, given) in enumerate(situations(task, work.settings, work.seed)):
         here = situation.of(task)
         motion = given or _first_motion(work, here, i)
-        solution, progress = _explored(work, here, situation, motion, i)
+        solution, progress = _explore(work, here, situation, motion, i)
         for n in range(1, settings.first_steps + 1):
-            solution, progress = _advanced(work, here, solution, progress, None, (0, i, n))
+            solution, progress = _advance(work, here, solution, progress, None, (0, i, n))
         found.append(solution)
     return tuple(found)
 
@@ -132,7 +132,7 @@ def mdgps(work: Workspace, last: Mirrored | None, k: int) -> Mirrored:
         none = tuple(Progress(settings.kl_bound) for _ in first)
         return Mirrored(work.supervised_policy(), first, none)
     found = [
-        _advanced(work, here, solution, progress, last.policy, (k, i))
+        _advance(work, here, solution, progress, last.policy, (k, i))
         for i, (here, solution, progress) in enumerate(
             zip(work.tasks, last.solutions, last.progress, strict=True)
         )
@@ -150,7 +150,7 @@ def _first_motion(work: Workspace, here: Task, i: int) -> Trajectory:
     return first.trajectory
 
 
-def _explored(
+def _explore(
     work: Workspace, here: Task, situation: Situation, motion: Trajectory, i: int
 ) -> tuple[OptimizationResult, Progress]:
     """Returns q(ζ) around rollouts of a motion's controls with noise."""
@@ -163,14 +163,14 @@ def _explored(
     )
     rng, count = generator(work.seed, Stream.GUIDING_ROLLOUTS, i), work.settings.policy_rollouts
     controls = motion.controls[:, None] + std * rng.standard_normal((steps, count, n_u))
-    rollouts = _drawn(work, _planned(here), count, partial(_open_loop, controls), rng)
+    rollouts = _drawn(work, _plan(here), count, partial(_open_loop, controls), rng)
     model = _linear_model(work, here, (rollouts,), (0, i, 0))
     sigma = state_covariances(model.linear, law.gains, law.covariances, model.spread)
     step = BoundedStep(law, np.zeros(sigma.shape[:2]), sigma, 0.0, 0.0)
     return _solution(here, situation, model, step), Progress(settings.kl_bound)
 
 
-def _advanced(
+def _advance(
     work: Workspace,
     here: Task,
     before: OptimizationResult,
@@ -224,7 +224,7 @@ def _roll_out(
 
     With a model there is one, without noise, along which the dynamics are differentiated.
     """
-    settings, task, space = work.settings, _planned(here), here.dynamics.space
+    settings, task, space = work.settings, _plan(here), here.dynamics.space
     rng, count = generator(work.seed, Stream.POLICY_ROLLOUTS, *place), settings.policy_rollouts
     factor = 1.0
     if settings.mirror.dynamics == "model":
@@ -257,7 +257,7 @@ def _drawn(
     return rollouts.sound()
 
 
-def _planned(here: Task) -> Task:
+def _plan(here: Task) -> Task:
     return replace(here, horizon=here.planned_horizon, lookahead=0)
 
 

@@ -56,7 +56,7 @@ def page_of(
         VgpsError: the page's parts are missing.
     """
     mjcf = for_older_mujoco(task.mjcf).encode()
-    robot = json.dumps({**_described(task, exported), "facts": dict(facts)}, allow_nan=False)
+    robot = json.dumps({**_page_values(task, exported), "facts": dict(facts)}, allow_nan=False)
     held = {"robot.json": robot.encode(), "robot.xml": mjcf, "policy.onnx": content}
     parts = {name: _part(name) for name in _NAMES} | {
         name: base64.b64encode(gzip.compress(each, mtime=0)).decode() for name, each in held.items()
@@ -90,7 +90,7 @@ def _part(name: str) -> str:
         ) from error
 
 
-def _described(task: Task, exported: ExportedPolicy) -> dict[str, Any]:
+def _page_values(task: Task, exported: ExportedPolicy) -> dict[str, Any]:
     """Returns what the page has to know of a task and its policy."""
     model, layout, signals = task.dynamics.model, task.deployment.layout, task.signals
     frames, past = frame_names(model), task.observation.past
