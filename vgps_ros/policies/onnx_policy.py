@@ -24,7 +24,7 @@ from vgps_ros.policies.onnx_file import (
     DOMAINS,
     IR_VERSION,
     OPSET,
-    check_work,
+    check_network,
     metadata_of,
     package,
     parsed,
@@ -33,6 +33,7 @@ from vgps_ros.policies.onnx_file import (
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _ENDLESS = 1 << 30  # steps after which nobody waits to know a state
 _MANY = 64  # observations that a network reads at once
+_DRAWN = 3  # random observations that a network answers before it may drive
 _KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 # Of the torques of float32 networks on two machines, relative to the largest torque.
 TOLERANCE = 1e-5
@@ -103,16 +104,18 @@ class OnnxPolicy:
                 )
         opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
         self._versions = f"opset {', '.join(opsets)}, IR version {model.ir_version}"
+        self._rows, count = 1, len(contract.places)
+        check_network(model, self._rows, count, name)
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
-        self._rows, count = 1, len(contract.places)
-        check_work(model, self._rows, count, name)
         if not (self._is_vector or isinstance(given.shape[0], int)):
             with suppress(InvalidInputError):  # then it answers one after another
-                check_work(model, _MANY, count, name)
+                check_network(model, _MANY, count, name)
                 self._rows = _MANY
-        self._outputs(np.zeros((1, count)))
+        drawn = np.random.default_rng(0).standard_normal((_DRAWN, count))
+        for tried in (np.zeros(count), np.ones(count), *drawn):
+            self._outputs(tried[None])
 
     @property
     def steps(self) -> int:
@@ -208,15 +211,15 @@ class OnnxPolicy:
         given, outputs = session.get_inputs(), {o.name: o for o in session.get_outputs()}
         if len(given) != 1:
             raise InvalidInputError(
-                f"{name} has the inputs {', '.join(i.name for i in given)}, but it must have one, "
+                f"{name} has the inputs {quoted([i.name for i in given])}, but it must have one, "
                 "the observation; a network with a memory or a clock cannot be executed: export "
                 "one without."
             )
         (read,) = given
         if read.type not in _KINDS or len(read.shape) not in (1, 2):
             raise InvalidInputError(
-                f"{name} reads a {read.type} of shape {read.shape}, but it must read floats of "
-                f"shape [batch, {count}]; export it with such an input."
+                f"{name} reads a {read.type} of shape {quoted(read.shape)}, but it must read "
+                f"floats of shape [batch, {count}]; export it with such an input."
             )
         if read.shape[-1] != count and isinstance(read.shape[-1], int):
             raise InvalidInputError(
@@ -296,23 +299,19 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
     """
     if not outputs:
         return {}
-    check_work(parsed(content, name), 1, 1, name)
-    rng, found = np.random.default_rng(0), []
+    constants = check_network(parsed(content, name), 1, 1, name)
+    if varying := [output for output in outputs if output not in constants]:
+        raise InvalidInputError(
+            f"The output '{varying[0]}' of {name} depends on what it reads, but gains must stay as "
+            "they are; export a policy with fixed ones."
+        )
     try:
         session = _session(content)
-        for _ in range(2):
-            given = {i.name: rng.standard_normal(i.shape) for i in session.get_inputs()}
-            given = {i.name: given[i.name].astype(_KINDS[i.type]) for i in session.get_inputs()}
-            found.append([v.ravel() for v in session.run(outputs, given)])
+        given = {i.name: np.zeros(i.shape, _KINDS[i.type]) for i in session.get_inputs()}
+        found = [values.ravel() for values in session.run(outputs, given)]
     except Exception as error:  # of onnxruntime, which has no common class for its errors
         raise InvalidInputError(f"{name} cannot be executed: {_sentence(error)}") from error
-    for output, *values in zip(outputs, *found, strict=True):
-        if not np.array_equal(*values):
-            raise InvalidInputError(
-                f"The output '{output}' of {name} depends on what it reads, but gains must stay as "
-                "they are; export a policy with fixed ones."
-            )
-    return dict(zip(outputs, found[0], strict=True))
+    return dict(zip(outputs, found, strict=True))
 
 
 def _sentence(error: Exception) -> str:
