@@ -46,8 +46,8 @@ def test_a_network_and_its_words_are_read_as_they_stand():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (with_function, "It has local functions"),
-        (external_and_sparse, "It has .* sparse tensors"),
+        (with_function, "It .* has local functions"),
+        (external_and_sparse, "It .* sparse tensors"),
     ],
 )
 def test_what_could_reach_beyond_the_graph_is_refused(make, sentence):
@@ -66,8 +66,8 @@ def test_size_and_number_of_parts_are_bounded(monkeypatch, tmp_path):
     monkeypatch.setattr(onnx_file, "LARGEST", len(content) - 1)
     with pytest.raises(InvalidInputError, match="It is larger than"):
         parsed(content, "It")
-    with pytest.raises(InvalidInputError, match=r"at most .* use a smaller network"):
-        read_bytes(path)
+    with pytest.raises(InvalidInputError, match="It is larger than"):
+        parsed(read_bytes(path), "It")
 
 
 def test_a_path_that_the_system_refuses_is_named(tmp_path):

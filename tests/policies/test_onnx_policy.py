@@ -201,7 +201,7 @@ def of_nan():
         (two_inputs, r"has the inputs \['obs', 'hidden'\], but it must have one"),
         (of_integers, r"reads a tensor\(int64\)"),
         (of_a_stranger, "the operator 'com.example.Gemm'"),
-        (external, "keeps the tensor 'w0' in another file"),
+        (external, "keeps tensors in another file"),
         (external_in_a_constant, "in another file"),
         (endless, "the operator 'Loop', which is none of those"),
         (outer_products, "a node 'MatMul' that gives 1.52588e.11 numbers, but at most 524288"),
@@ -393,23 +393,6 @@ def test_zeros_ones_and_random_observations_are_tried(operator, less, answer):
         policy(model(nodes, 5, 2, tensors, NAMES))
 
 
-def test_a_network_of_much_work_answers_one_observation_after_another(rng):
-    """Where many rows at once would take more than the square of one, as for obs · obsᵀ."""
-    inputs = rng.standard_normal((300, 5))
-    nodes = [
-        helper.make_node("MatMul", ["obs", "w"], ["a"]),
-        helper.make_node("Shape", ["obs"], ["s"], end=1),
-        helper.make_node("Concat", ["s", "s", "wide"], ["shape"], axis=0),
-        helper.make_node("ConstantOfShape", ["shape"], ["zeros"]),
-        helper.make_node("ReduceSum", ["zeros"], ["zero"], keepdims=0),
-        helper.make_node("Add", ["a", "zero"], ["actions"]),
-    ]
-    weights = rng.standard_normal((5, 2)).astype(np.float32)
-    tensors = [("w", weights), ("wide", np.array([1000]))]
-    found = policy(model(nodes, 5, 2, tensors, NAMES, rows="batch"))
-    np.testing.assert_allclose(found.mean(inputs), inputs @ weights, atol=1e-5)
-
-
 def test_each_answer_must_be_finite(rng):
     nodes = [
         helper.make_node("Log", ["obs"], ["logarithm"]),
@@ -437,7 +420,7 @@ def test_files_that_hold_no_policy_are_refused_before_they_are_read(tmp_path):
         open_policy(path)
     with path.open("wb") as file:
         file.truncate(2 << 30)  # 2 GB, of which the disk holds nothing
-    with pytest.raises(InvalidInputError, match=r"has 2147 MB, but .* at most 67 MB"):
+    with pytest.raises(InvalidInputError, match="is larger than 67 MB; use a smaller"):
         open_policy(path)
     path.write_bytes(b"\x00 this is no ONNX")
     with pytest.raises(InvalidInputError, match="is not an ONNX model, or is damaged"):

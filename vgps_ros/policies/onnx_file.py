@@ -42,9 +42,8 @@ _MOST_PARTS = 50_000  # nodes with their inputs, outputs and attributes; tensors
 _MOST_NUMBERS = 2**19  # of a tensor between the weights, for one observation
 _MOST_WORK = 2**29  # multiplications of a network for one observation
 _WORK_OF_NUMBER = 100  # multiplications that take as long as one number of another operator
-DOMAINS = ("", "ai.onnx")
-_FLOATS, _BOOL = {1, 11}, {9}  # ONNX's numbers of types: float32 and float64
-_NUMBERS = {6, 7, *_FLOATS, *_BOOL}  # with int32 and int64
+_FLOAT32, _FLOAT64, _INT32, _INT64, _BOOL = 1, 11, 6, 7, 9  # ONNX's numbers of types
+_FLOATS, _NUMBERS = {_FLOAT32, _FLOAT64}, {_FLOAT32, _FLOAT64, _INT32, _INT64, _BOOL}
 _PREDICATES = "And Equal Greater GreaterOrEqual IsInf IsNaN Less LessOrEqual Not Or".split()  # noqa: SIM905
 _OF_SHAPES = """
 Add Cast Concat Constant ConstantOfShape Expand Gather Identity Mul Reshape Shape Size Slice Squeeze
@@ -85,19 +84,13 @@ def read_bytes(path: Path) -> bytes:
     """Returns the content of an ONNX file.
 
     Raises:
-        InvalidInputError: it is missing, no plain file, or too large for a policy.
+        InvalidInputError: it is missing, or no plain file.
     """
     try:
         if not path.is_file():
             raise InvalidInputError(f"'{path}' is no file; name the ONNX file of a policy.")
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise InvalidInputError(
-                f"'{path}' has {size / 1e6:.0f} MB, but the ONNX file of a policy may have at most "
-                f"{LARGEST / 1e6:.0f} MB: use a smaller network."
-            )
         with path.open("rb") as file:
-            return file.read(LARGEST)
+            return file.read(LARGEST + 1)  # `parsed` refuses more than LARGEST
     except OSError as error:
         raise InvalidInputError(f"'{path}' cannot be read: {error.strerror}.") from error
 
@@ -111,13 +104,12 @@ def parsed(content: bytes, name: str) -> Any:
         InvalidInputError: the bytes are no ONNX model; or it keeps tensors in other files, or holds
             functions, or operators that no policy uses.
     """
-    onnx = package("onnx")
     if len(content) > LARGEST:
         raise InvalidInputError(
             f"{name} is larger than {LARGEST / 1e6:.0f} MB; use a smaller network."
         )
     try:
-        model = onnx.load_model_from_string(content)
+        model = package("onnx").load_model_from_string(content)
     except Exception as error:  # of protobuf, whose classes differ between its implementations
         raise InvalidInputError(
             f"{name} is not an ONNX model, or is damaged ({str(error).strip():.80}); export it "
@@ -137,37 +129,31 @@ def parsed(content: bytes, name: str) -> Any:
             f"{name} has {count} nodes, names and sizes, but a policy may have at most "
             f"{_MOST_PARTS}: use a smaller network."
         )
-    if model.functions or graph.sparse_initializer:
+    tensors = (*graph.initializer, *(each.t for n in graph.node for each in n.attribute))
+    is_outside = any(t.data_location == t.EXTERNAL or t.external_data for t in tensors)
+    if is_outside or model.functions or graph.sparse_initializer:
         raise InvalidInputError(
-            f"{name} has local functions or sparse tensors; export it with functions inlined and "
-            "dense tensors."
+            f"{name} keeps tensors in another file, which is not read, or has local functions or "
+            "sparse tensors; export it with all weights inside, dense, and functions inlined."
         )
     for node in graph.node:
-        if node.domain not in DOMAINS or node.op_type not in _OPERATORS:
+        if node.domain not in ("", "ai.onnx") or node.op_type not in _OPERATORS:
             raise InvalidInputError(
                 f"{name} has the operator {quoted(f'{node.domain}.{node.op_type}'.lstrip('.'))}, "
                 "which is none of those that are executed (docs/how_to/import_a_policy.md); export "
                 "it without."
             )
-    attributes = [each.t for node in graph.node for each in node.attribute]
-    for tensor in (*graph.initializer, *attributes):
-        if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
-            raise InvalidInputError(
-                f"{name} keeps the tensor {quoted(tensor.name)} in another file, which is not "
-                "read; export it with all weights inside."
-            )
     return model
 
 
-def check_network(model: Any, rows: int, count: int, name: str) -> set[str]:
+def check_network(model: Any, count: int, name: str) -> set[str]:
     """Returns the tensors of a network that are the same whatever it reads.
 
     Refuses one that is not of floats, or does not answer soon.
 
     Args:
         model: what `parsed` returned.
-        rows: how many observations it reads at once, where the file does not fix it.
-        count: how many numbers each has, likewise.
+        count: how many numbers an observation has, where the file does not fix it.
         name: what the sentence of an error calls the file.
 
     Raises:
@@ -186,7 +172,7 @@ def check_network(model: Any, rows: int, count: int, name: str) -> set[str]:
         each.ClearField("type")
     for each in bare.graph.input:
         for i, dim in enumerate(reversed(each.type.tensor_type.shape.dim)):
-            dim.dim_value = dim.dim_value or (rows if i else count)
+            dim.dim_value = dim.dim_value or (1 if i else count)
     try:
         infer = package("onnx.shape_inference").infer_shapes
         graph = infer(bare, strict_mode=True, data_prop=True).graph
@@ -203,7 +189,7 @@ def check_network(model: Any, rows: int, count: int, name: str) -> set[str]:
     work = 0
     for node in graph.node:
         read, given = ([*filter(None, names)] for names in (node.input, node.output))
-        allowed = _FLOATS | _BOOL if node.op_type in _PREDICATES else _FLOATS
+        allowed = _FLOATS | {_BOOL} if node.op_type in _PREDICATES else _FLOATS
         if node.op_type in ("Shape", "Size") or constants.issuperset(read):
             constants.update(given)
             allowed = _NUMBERS if node.op_type in _OF_SHAPES else allowed
@@ -287,7 +273,7 @@ def joined_tensors(
         InvalidInputError: the bytes are no ONNX model that may be read, or have no such tensors.
     """
     model, helper = parsed(content, name), package("onnx.helper")
-    graph, to_dtype = model.graph, helper.tensor_dtype_to_np_dtype
+    graph = model.graph
     constants = {tensor.name for tensor in graph.initializer}
     given = {i.name: i.type.tensor_type for i in graph.input if i.name not in constants}
     if given.keys() != inputs.keys() or not {*outputs} <= {o.name for o in graph.output}:
@@ -296,8 +282,7 @@ def joined_tensors(
             f"{quoted([o.name for o in graph.output])}, but {quoted(sorted(inputs))} and "
             f"{quoted(outputs)} are described; export it anew."
         )
-    is_wide = any(to_dtype(t.elem_type) == np.float64 for t in given.values())
-    element = helper.np_dtype_to_tensor_dtype(np.dtype(np.float64 if is_wide else np.float32))
+    element = _FLOAT64 if _FLOAT64 in [t.elem_type for t in given.values()] else _FLOAT32
     build, count = Builder("float32", "joined/"), sum(map(len, inputs.values()))
     for tensor, places in inputs.items():
         part = build.node("Gather", "joined/obs", build.indices(places), axis=1)
