@@ -2,7 +2,8 @@
 """ONNX files: reads untrusted ones safely, and writes a policy of ours so that it is read back.
 
 A file is read without opening anything outside it. onnxruntime cannot end an operator, so it gets
-only those whose work depends on sizes alone, and `check_work` bounds both before it executes any.
+only networks of floats: integers are constants, sizes and places, and `check_network` finds these,
+and bounds sizes and work, before anything is executed.
 The package `onnx` is imported only when a file is read or written.
 
 The graph of a policy of ours maps `obs`, shape (batch, n_o), to
@@ -37,23 +38,25 @@ from vgps_ros.core.records import Array
 
 NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
-_MOST_NODES = 10_000
+_MOST_PARTS = 50_000  # nodes with their inputs, outputs and attributes; tensors; axes
 _MOST_NUMBERS = 2**19  # of a tensor between the weights, for one observation
 _MOST_WORK = 2**29  # multiplications of a network for one observation
 _WORK_OF_NUMBER = 100  # multiplications that take as long as one number of another operator
-DOMAINS = ("", "ai.onnx")
-_OPERATORS = """
-Abs Acos Acosh Add And ArgMax ArgMin Asin Asinh Atan Atanh BatchNormalization Cast CastLike Ceil
-Celu Clip Concat Constant ConstantOfShape Conv Cos Cosh CumSum DequantizeLinear Div Elu Equal Erf
-Exp Expand Flatten Floor GRU Gather GatherElements GatherND Gelu Gemm GlobalAveragePool
-GlobalMaxPool Greater GreaterOrEqual GroupNormalization HardSigmoid HardSwish Hardmax Identity
-InstanceNormalization IsInf IsNaN LSTM LayerNormalization LeakyRelu Less LessOrEqual Log LogSoftmax
-LpNormalization MatMul Max Mean Min Mish Mod Mul Neg Not OneHot Or PRelu Pad Pow QuantizeLinear
-RMSNormalization RNN Range Reciprocal ReduceL1 ReduceL2 ReduceLogSum ReduceLogSumExp ReduceMax
-ReduceMean ReduceMin ReduceProd ReduceSum ReduceSumSquare Relu Reshape Round ScatterElements
-ScatterND Selu Shape Shrink Sigmoid Sign Sin Sinh Size Slice Softmax Softplus Softsign Split Sqrt
-Squeeze Sub Sum Swish Tan Tanh ThresholdedRelu Tile TopK Transpose Trilu Unsqueeze Where Xor
+_FLOAT32, _FLOAT64, _INT32, _INT64, _BOOL = 1, 11, 6, 7, 9  # ONNX's numbers of types
+_FLOATS, _NUMBERS = {_FLOAT32, _FLOAT64}, {_FLOAT32, _FLOAT64, _INT32, _INT64, _BOOL}
+_PREDICATES = "And Equal Greater GreaterOrEqual IsInf IsNaN Less LessOrEqual Not Or".split()  # noqa: SIM905
+_OF_SHAPES = """
+Add Cast Concat Constant ConstantOfShape Expand Gather Identity Mul Reshape Shape Size Slice Squeeze
+Sub Transpose Unsqueeze Where
 """.split()  # noqa: SIM905
+_OPERATORS = f"""{" ".join([*_PREDICATES, *_OF_SHAPES])}
+Abs Acos Asin Atan BatchNormalization Ceil Celu Clip Conv Cos Div Elu Erf Exp Flatten Floor GRU Gelu
+Gemm GlobalAveragePool GlobalMaxPool GroupNormalization HardSigmoid HardSwish InstanceNormalization
+LSTM LayerNormalization LeakyRelu Log LogSoftmax LpNormalization MatMul Max Mean Min Mish Neg PRelu
+Pad Pow RMSNormalization RNN Reciprocal ReduceL1 ReduceL2 ReduceLogSumExp ReduceMax ReduceMean
+ReduceMin ReduceSum ReduceSumSquare Relu Round Selu Sigmoid Sign Sin Softmax Softplus Softsign Split
+Sqrt Sum Swish Tan Tanh ThresholdedRelu Tile
+""".split()
 OPSET, IR_VERSION = 17, 8  # of 2022, which the runtimes on robots read too
 PRECISIONS = {"float32": np.float32, "float64": np.float64}
 
@@ -81,19 +84,13 @@ def read_bytes(path: Path) -> bytes:
     """Returns the content of an ONNX file.
 
     Raises:
-        InvalidInputError: it is missing, no plain file, or too large for a policy.
+        InvalidInputError: it is missing, or no plain file.
     """
     try:
         if not path.is_file():
             raise InvalidInputError(f"'{path}' is no file; name the ONNX file of a policy.")
-        size = path.stat().st_size
-        if size > LARGEST:
-            raise InvalidInputError(
-                f"'{path}' has {size / 1e6:.0f} MB, but the ONNX file of a policy may have at most "
-                f"{LARGEST / 1e6:.0f} MB: use a smaller network."
-            )
         with path.open("rb") as file:
-            return file.read(LARGEST)
+            return file.read(LARGEST + 1)  # `parsed` refuses more than LARGEST
     except OSError as error:
         raise InvalidInputError(f"'{path}' cannot be read: {error.strerror}.") from error
 
@@ -107,13 +104,12 @@ def parsed(content: bytes, name: str) -> Any:
         InvalidInputError: the bytes are no ONNX model; or it keeps tensors in other files, or holds
             functions, or operators that no policy uses.
     """
-    onnx = package("onnx")
     if len(content) > LARGEST:
         raise InvalidInputError(
             f"{name} is larger than {LARGEST / 1e6:.0f} MB; use a smaller network."
         )
     try:
-        model = onnx.load_model_from_string(content)
+        model = package("onnx").load_model_from_string(content)
     except Exception as error:  # of protobuf, whose classes differ between its implementations
         raise InvalidInputError(
             f"{name} is not an ONNX model, or is damaged ({str(error).strip():.80}); export it "
@@ -124,47 +120,51 @@ def parsed(content: bytes, name: str) -> Any:
         raise InvalidInputError(
             f"{name} has no graph with nodes, inputs and outputs; export it anew."
         )
-    if len(graph.node) > _MOST_NODES:
+    parts = [model.opset_import, graph.input, graph.output, graph.value_info, graph.initializer]
+    parts += [part for n in graph.node for part in ([n], n.input, n.output, n.attribute)]
+    parts += [each.type.tensor_type.shape.dim for each in graph.input]
+    parts += [tensor.dims for tensor in graph.initializer]
+    if (count := sum(map(len, parts))) > _MOST_PARTS:
         raise InvalidInputError(
-            f"{name} has {len(graph.node)} nodes, but a policy may have at most {_MOST_NODES}: "
-            "use a smaller network."
+            f"{name} has {count} nodes, names and sizes, but a policy may have at most "
+            f"{_MOST_PARTS}: use a smaller network."
         )
-    if model.functions:
-        raise InvalidInputError(f"{name} has local functions; export it with them inlined.")
+    tensors = (*graph.initializer, *(each.t for n in graph.node for each in n.attribute))
+    is_outside = any(t.data_location == t.EXTERNAL or t.external_data for t in tensors)
+    if is_outside or model.functions or graph.sparse_initializer:
+        raise InvalidInputError(
+            f"{name} keeps tensors in another file, which is not read, or has local functions or "
+            "sparse tensors; export it with all weights inside, dense, and functions inlined."
+        )
     for node in graph.node:
-        if node.domain not in DOMAINS or node.op_type not in _OPERATORS:
+        if node.domain not in ("", "ai.onnx") or node.op_type not in _OPERATORS:
             raise InvalidInputError(
                 f"{name} has the operator {quote(f'{node.domain}.{node.op_type}'.lstrip('.'))}, "
                 "which is none of those that are executed (docs/how_to/import_a_policy.md); export "
                 "it without."
             )
-    attributes = [each for node in graph.node for each in node.attribute]
-    if graph.sparse_initializer or any(a.HasField("sparse_tensor") for a in attributes):
-        raise InvalidInputError(f"{name} has sparse tensors; export it with dense ones.")
-    for tensor in (*graph.initializer, *(a.t for a in attributes)):
-        if tensor.data_location == onnx.TensorProto.EXTERNAL or tensor.external_data:
-            raise InvalidInputError(
-                f"{name} keeps the tensor {quote(tensor.name)} in another file, which is not "
-                "read; export it with all weights inside."
-            )
     return model
 
 
-def check_work(model: Any, rows: int, count: int, name: str) -> None:
-    """Refuses a network that does not answer soon, whatever it reads.
+def check_network(model: Any, count: int, name: str) -> set[str]:
+    """Returns the tensors of a network that are the same whatever it reads.
+
+    Refuses one that is not of floats, or does not answer soon.
 
     Args:
         model: what `parsed` returned.
-        rows: how many observations it reads at once, where the file does not fix it.
-        count: how many numbers each has, likewise.
+        count: how many numbers an observation has, where the file does not fix it.
         name: what the sentence of an error calls the file.
 
     Raises:
-        InvalidInputError: a size depends on what is read, or is too large, or the work is.
+        InvalidInputError: another number than a float, or a size, depends on what is read; or a
+            size or the work is too large.
     """
     bare = package("onnx").ModelProto()
     bare.CopyFrom(model)
     shapes = {tensor.name: [*tensor.dims] for tensor in bare.graph.initializer}
+    kinds = {tensor.name: tensor.data_type for tensor in bare.graph.initializer}
+    constants = {*shapes}  # all else depends on the observation
     inputs = [each for each in model.graph.input if each.name not in shapes]
     del bare.graph.input[:], bare.graph.value_info[:]  # whose sizes may be wrong
     bare.graph.input.extend(inputs)
@@ -172,7 +172,7 @@ def check_work(model: Any, rows: int, count: int, name: str) -> None:
         each.ClearField("type")
     for each in bare.graph.input:
         for i, dim in enumerate(reversed(each.type.tensor_type.shape.dim)):
-            dim.dim_value = dim.dim_value or (rows if i else count)
+            dim.dim_value = dim.dim_value or (1 if i else count)
     try:
         infer = package("onnx.shape_inference").infer_shapes
         graph = infer(bare, strict_mode=True, data_prop=True).graph
@@ -181,11 +181,26 @@ def check_work(model: Any, rows: int, count: int, name: str) -> None:
         raise InvalidInputError(sentence) from error
     for each in (*graph.input, *graph.value_info, *graph.output):
         kind = each.type.tensor_type
+        kinds[each.name] = kind.elem_type
         if kind.HasField("shape") and all(dim.HasField("dim_value") for dim in kind.shape.dim):
             shapes[each.name] = [dim.dim_value for dim in kind.shape.dim]
+    for each in [each for each, shape in shapes.items() if 0 in shape and kinds[each] in _FLOATS]:
+        del kinds[each]  # some operators crash on nothing
     work = 0
     for node in graph.node:
-        for each in filter(None, node.output):
+        read, given = ([*filter(None, names)] for names in (node.input, node.output))
+        allowed = _FLOATS | {_BOOL} if node.op_type in _PREDICATES else _FLOATS
+        if node.op_type in ("Shape", "Size") or constants.issuperset(read):
+            constants.update(given)
+            allowed = _NUMBERS if node.op_type in _OF_SHAPES else allowed
+        is_allowed = allowed.issuperset(map(kinds.get, given))
+        if not (is_allowed and _NUMBERS.issuperset(map(kinds.get, read))):
+            raise InvalidInputError(
+                f"{name} has a node {quote(node.op_type)} of tensors that are empty, unknown or "
+                "not float, but only floats may depend on an observation, and integers be sizes "
+                f"and places, without division; export it with float tensors and opset {OPSET}."
+            )
+        for each in given:
             size = _size(shapes[each]) if each in shapes else math.inf
             if size > _MOST_NUMBERS:
                 raise InvalidInputError(
@@ -193,13 +208,13 @@ def check_work(model: Any, rows: int, count: int, name: str) -> None:
                     f"numbers, but at most {_MOST_NUMBERS} may come of an observation, and how "
                     "many may not depend on it; use a smaller network of fixed sizes."
                 )
-        names = [each for each in (*node.input, *node.output) if each in shapes]
-        work += _work(node.op_type, [shapes[each] for each in names])
+        work += _work(node.op_type, [shapes[each] for each in (*read, *given) if each in shapes])
     if work > _MOST_WORK:
         raise InvalidInputError(
             f"{name} takes {min(work, 10**15):.1e} multiplications for an observation, but "
             f"{_MOST_WORK:.1e} are the most; use a smaller network."
         )
+    return constants
 
 
 def _size(shape: Sequence[int]) -> int:
@@ -258,7 +273,7 @@ def joined_tensors(
         InvalidInputError: the bytes are no ONNX model that may be read, or have no such tensors.
     """
     model, helper = parsed(content, name), package("onnx.helper")
-    graph, to_dtype = model.graph, helper.tensor_dtype_to_np_dtype
+    graph = model.graph
     constants = {tensor.name for tensor in graph.initializer}
     given = {i.name: i.type.tensor_type for i in graph.input if i.name not in constants}
     if given.keys() != inputs.keys() or not {*outputs} <= {o.name for o in graph.output}:
@@ -267,8 +282,7 @@ def joined_tensors(
             f"{quote([o.name for o in graph.output])}, but {quote(sorted(inputs))} and "
             f"{quote(outputs)} are described; export it anew."
         )
-    is_wide = any(to_dtype(t.elem_type) in (np.float64, np.int64) for t in given.values())
-    element = helper.np_dtype_to_tensor_dtype(np.dtype(np.float64 if is_wide else np.float32))
+    element = _FLOAT64 if _FLOAT64 in [t.elem_type for t in given.values()] else _FLOAT32
     build, count = Builder("float32", "joined/"), sum(map(len, inputs.values()))
     for tensor, places in inputs.items():
         part = build.node("Gather", "joined/obs", build.indices(places), axis=1)

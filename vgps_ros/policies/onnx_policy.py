@@ -8,7 +8,6 @@ control period, at which stiff joints become unstable (`tasks.driver.in_closed_l
 """
 
 import re
-from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -21,10 +20,9 @@ from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import HELD, Contract, nearest_term
 from vgps_ros.policies.onnx_file import (
-    DOMAINS,
     IR_VERSION,
     OPSET,
-    check_work,
+    check_network,
     metadata_of,
     package,
     parsed,
@@ -32,7 +30,7 @@ from vgps_ros.policies.onnx_file import (
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _ENDLESS = 1 << 30  # steps after which nobody waits to know a state
-_MANY = 64  # observations that a network reads at once
+_DRAWN = 3  # random observations that a network answers before it may drive
 _KINDS = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 # Of the torques of float32 networks on two machines, relative to the largest torque.
 TOLERANCE = 1e-5
@@ -101,18 +99,12 @@ class OnnxPolicy:
                     f"{name} gives a {kind} of {named[i]}, but the robot takes a {own} there; use "
                     "a robot with other actuators, or give 'joint_stiffness' and 'joint_damping'."
                 )
-        opsets = [str(o.version) for o in model.opset_import if o.domain in DOMAINS] or ["none"]
-        self._versions = f"opset {', '.join(opsets)}, IR version {model.ir_version}"
+        check_network(model, count := len(contract.places), name)
         self._session, given, output = self._opened()
         self._input, self._output, self._kind = given.name, output.name, _KINDS[given.type]
         self._is_vector = len(given.shape) == 1
-        self._rows, count = 1, len(contract.places)
-        check_work(model, self._rows, count, name)
-        if not (self._is_vector or isinstance(given.shape[0], int)):
-            with suppress(InvalidInputError):  # then it answers one after another
-                check_work(model, _MANY, count, name)
-                self._rows = _MANY
-        self._outputs(np.zeros((1, count)))
+        drawn = np.random.default_rng(0).standard_normal((_DRAWN, count))
+        self.actions(np.vstack([np.zeros(count), np.ones(count), drawn]))
 
     @property
     def steps(self) -> int:
@@ -151,16 +143,12 @@ class OnnxPolicy:
         return controls + noise, remembered
 
     def actions(self, read: Array) -> Array:
-        """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n)."""
-        if len(read) == 1:
-            return np.asarray(np.clip(self._outputs(read), *self.contract.action_clip))
-        rows = self._rows
-        parts = [  # of as many as were checked
-            self._outputs(np.resize(read[start : start + rows], (rows, read.shape[1])))
-            for start in range(0, len(read), rows)
-        ]
-        none = np.empty((0, self.contract.action_clip.shape[1]))
-        actions = np.concatenate([*parts, none])[: len(read)]
+        """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n).
+
+        One observation is answered after another, as on the robot.
+        """
+        count = len(self.contract.joints) + len(self.contract.state)
+        actions = np.reshape([self._answer(row) for row in read], (len(read), count))
         return np.asarray(np.clip(actions, *self.contract.action_clip))
 
     def controls(self, actions: Array, inputs: Array) -> Array:
@@ -205,20 +193,20 @@ class OnnxPolicy:
         name, count = self._name, len(self.contract.places)
         try:
             session = _session(self.content)
-        except Exception as error:  # of onnxruntime, see _outputs
+        except Exception as error:  # of onnxruntime, see _answer
             raise self._refused(error) from error
         given, outputs = session.get_inputs(), {o.name: o for o in session.get_outputs()}
         if len(given) != 1:
             raise InvalidInputError(
-                f"{name} has the inputs {', '.join(i.name for i in given)}, but it must have one, "
+                f"{name} has the inputs {quote([i.name for i in given])}, but it must have one, "
                 "the observation; a network with a memory or a clock cannot be executed: export "
                 "one without."
             )
         (read,) = given
         if read.type not in _KINDS or len(read.shape) not in (1, 2):
             raise InvalidInputError(
-                f"{name} reads a {read.type} of shape {read.shape}, but it must read floats of "
-                f"shape [batch, {count}]; export it with such an input."
+                f"{name} reads a {read.type} of shape {quote(read.shape)}, but it must read "
+                f"floats of shape [batch, {count}]; export it with such an input."
             )
         if read.shape[-1] != count and isinstance(read.shape[-1], int):
             raise InvalidInputError(
@@ -231,37 +219,34 @@ class OnnxPolicy:
     def _refused(self, error: Exception) -> InvalidInputError:
         """Returns what onnxruntime says of the network, and what to do."""
         return InvalidInputError(
-            f"{self._name} ({self._versions}) cannot be executed: {_sentence(error)} Export it "
+            f"{self._name} cannot be executed: {_sentence(error)} Export it "
             f"anew, with opset {OPSET} and IR version {IR_VERSION} if these are the reason, and "
             "try it with onnxruntime alone."
         )
 
-    def _outputs(self, rows: Array) -> Array:
-        """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n)."""
-        read = rows.astype(self._kind)
-        given = read.reshape(-1) if self._is_vector else read
+    def _answer(self, row: Array) -> Array:
+        """Returns the network's actions and its state, n_a + m numbers, for n that it reads."""
+        read = row.astype(self._kind)
+        given = read if self._is_vector else read[None]
         try:
             (found,) = self._session.run([self._output], {self._input: given})
-            found = np.asarray(found, dtype=float)
+            found = np.asarray(found, dtype=float).ravel()
         except Exception as error:  # of onnxruntime, which has no common class for its errors
             raise self._refused(error) from error
         count, state = len(self.contract.joints), len(self.contract.state)
-        if found.size != len(rows) * (count + state):
+        if found.size != count + state:
             has = f"{count} joints{f' and its state {state} numbers' * bool(state)}"
             raise InvalidInputError(
-                f"{self._name} gives {found.size / len(rows):g} actions, but its metadata "
-                f"'joint_names' has {has}; name one joint for each action."
+                f"{self._name} gives {found.size} actions, but its metadata 'joint_names' has "
+                f"{has}; name one joint for each action."
             )
-        found = found.reshape(len(rows), -1)
-        if not np.isfinite(found).all():
-            # What is read may be infinite where a rollout has diverged.
-            strange = np.isfinite(read).all(axis=1) & ~np.isfinite(found).all(axis=1)
-            for row, actions in zip(rows[strange], found[strange], strict=True):
-                raise InvalidInputError(
-                    f"{self._name} answers the observation {quote(row.tolist())} with "
-                    f"{quote(actions.tolist())}, but actions must be finite; look for NaN among "
-                    "its weights, or a division by zero."
-                )
+        # What is read may be infinite where a rollout has diverged.
+        if np.isfinite(read).all() and not np.isfinite(found).all():
+            raise InvalidInputError(
+                f"{self._name} answers the observation {quote(row.tolist())} with "
+                f"{quote(found.tolist())}, but actions must be finite; look for NaN among its "
+                "weights, or a division by zero."
+            )
         return found
 
 
@@ -298,23 +283,19 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
     """
     if not outputs:
         return {}
-    check_work(parsed(content, name), 1, 1, name)
-    rng, found = np.random.default_rng(0), []
+    constants = check_network(parsed(content, name), 1, name)
+    if varying := [output for output in outputs if output not in constants]:
+        raise InvalidInputError(
+            f"The output '{varying[0]}' of {name} depends on what it reads, but gains must stay as "
+            "they are; export a policy with fixed ones."
+        )
     try:
         session = _session(content)
-        for _ in range(2):
-            given = {i.name: rng.standard_normal(i.shape) for i in session.get_inputs()}
-            given = {i.name: given[i.name].astype(_KINDS[i.type]) for i in session.get_inputs()}
-            found.append([v.ravel() for v in session.run(outputs, given)])
+        given = {i.name: np.zeros(i.shape, _KINDS[i.type]) for i in session.get_inputs()}
+        found = [values.ravel() for values in session.run(outputs, given)]
     except Exception as error:  # of onnxruntime, which has no common class for its errors
         raise InvalidInputError(f"{name} cannot be executed: {_sentence(error)}") from error
-    for output, *values in zip(outputs, *found, strict=True):
-        if not np.array_equal(*values):
-            raise InvalidInputError(
-                f"The output '{output}' of {name} depends on what it reads, but gains must stay as "
-                "they are; export a policy with fixed ones."
-            )
-    return dict(zip(outputs, found[0], strict=True))
+    return dict(zip(outputs, found, strict=True))
 
 
 def _sentence(error: Exception) -> str:
