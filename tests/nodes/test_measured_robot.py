@@ -461,8 +461,9 @@ def test_parts_that_are_too_far_apart_are_no_state_and_what_lacks_is_named():
     late = [stamped(at * MS, hip=at) for at in range(1060, 1200, 20)]
     assert collected(newest, [*late, stamped(0, finger=1.0)]) == []
     assert newest.missing() == "joint_states with knee (one came with ['finger'])"
-    again = [(1180 * MS, {"hip": 1180.0, "knee": 2.0})]
+    again = [(1180 * MS, {"hip": 1180.0, "knee": 2.0})]  # whose oldest part is the hip's
     assert collected(newest, [stamped(1200 * MS, knee=2.0)]) == again
+    assert not newest.missing()
 
 
 def test_a_part_without_velocities_is_refused_by_what_it_lacks():

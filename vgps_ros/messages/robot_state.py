@@ -355,12 +355,11 @@ class JointParts:
             return None if self._last == before > 0 else joined
         return joined
 
-    def missing(self, stamp: int | None) -> str:
-        """Returns the joints that lack to the parts after the last state's stamp [ns], in words."""
-        late = [part for part in self._parts if stamp is None or not self._is_near(part, stamp)]
-        if not late and (stamp is not None or not self._strange):
-            return JOINTS if stamp is None else ""
-        lacking = self._states.lacking_joints({name for part in late for name in part.name})
+    def missing(self) -> str:
+        """Returns the joints that lack to the newest parts, in words; empty where none do."""
+        lacking = self._states.lacking_joints({name for part in self._parts for name in part.name})
+        if not (lacking and (self._parts or self._strange)):
+            return ""
         strange = f" (one came with {quoted(self._strange)})" if self._strange else ""
         return f"{JOINTS} with {', '.join(lacking)}{strange}"
 
@@ -451,10 +450,9 @@ class NewestMeasurements:
 
     def missing(self) -> str:
         """Returns what the newest joint states lack to a state, in words; empty where nothing."""
-        joints = self._newest.get(JOINTS)
-        stamp = nanoseconds(joints.header.stamp) if joints else None
-        if (lacking := self._joints.missing(stamp)) or stamp is None:
-            return lacking
+        if (lacking := self._joints.missing()) or JOINTS not in self._newest:
+            return lacking or JOINTS
+        stamp = nanoseconds(self._newest[JOINTS].header.stamp)
         said = []
         for topic in self._lacking(self._near(stamp)):
             if topic in self._newest:

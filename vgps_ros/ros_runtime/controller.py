@@ -139,7 +139,8 @@ _OF_REAL_ROBOTS: dict[str, Any] = {
     "joint_margin": 0.5,
     "joint_speed_limit": 100.0,
 }
-_LOADED = {*"robot training _supervisor _states _collector _sensors _times _clock_jumps".split()}
+_LOADED = {"robot", "training", "_supervisor", "_states", "_collector", "_sensors", "_times"}
+_LOADED |= {"_clock_jumps"}
 
 
 class Controller(LifecycleNode):
