@@ -2,6 +2,7 @@
 """A robot whose sensors each have stamps of their own: what the executor makes of them."""
 
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,9 +14,11 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from vgps_msgs.msg import Signals
 
+from tests.bags.altered import messages_of, write_bag
 from tests.nodes.conftest import executed, values_of
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.core.bodies import product
@@ -393,6 +396,39 @@ def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torque
         )
         np.testing.assert_allclose(imu.angular_velocity_covariance[0], noise[1] ** 2)
     assert np.std(errors) == pytest.approx(noise[1], rel=0.5)
+
+
+def test_a_stall_in_the_first_of_two_runs_leaves_a_bag_without_a_fault(graph, blind, tmp_path):
+    """After a reset the stamps come again: the joints of one run belong to its own IMU."""
+    save_policy(a_policy(blind), blind.name, tmp_path / "policy.json")
+    given = {"policy_file": tmp_path / "policy.json", "state_timeout": 60.0}
+    given |= {"stochastic": True}
+    recorder = graph.record()
+    graph.start("simulation", task=blind.name, start_paused=True, imu_noise=[0.02, 0.1, 0.2])
+    graph.start("policy_executor", task=blind.name, **given)
+    for topic in ("imu", "odom", "joint_states", "joint_command", "context", "policy"):
+        graph.spin_until(lambda t=topic: graph.node.count_subscribers(t), what=topic)
+    graph.spin_for(1.0)
+    for seed in (1, 2):  # by whose noise the runs differ
+        assert graph.set_parameter("policy_executor", "seed", seed).successful
+        program = graph.start_program("execute_policy", "--task", blind.name, "--steps", "8")
+        graph.ends(program)
+        graph.spin_for(1.2)  # for the diagnostics
+    assert recorder.end() == 0, recorder.output
+    messages = messages_of(tmp_path / "bag")
+    commands = [m for m in messages if m.topic == "/joint_command"]
+    stamps = [nanoseconds(deserialize_message(m.data, JointState).header.stamp) for m in commands]
+    stalled = commands[stamps.index(5 * PERIOD)].stamp  # of the first run
+    late = [
+        replace(m, stamp=m.stamp + 1500 * MS)
+        if m.stamp >= stalled or (m.topic == "/context" and m.stamp > stalled - 5 * MS)
+        else m
+        for m in messages
+    ]
+    bag = write_bag(tmp_path / "stalled", sorted(late, key=lambda m: m.stamp), tmp_path / "bag")
+    for found in map(check_bag, (tmp_path / "bag", bag)):
+        assert found.wrong == []
+        assert found.counts["noisy"] >= 16
 
 
 # One robot's measurements, without a graph
