@@ -129,7 +129,7 @@ class StateMessages:
         """Returns the topics whose messages lack to join messages, by topic, to a state."""
         lacking = [topic for topic in self.needed if topic not in messages]
         if JOINTS in messages:
-            if self.lacking_joints(messages[JOINTS].name):
+            if self.lacking_joints(set(messages[JOINTS].name)):
                 lacking.append(JOINTS)
             elif ODOMETRY not in messages and self.lacks_base(messages[JOINTS]):
                 lacking.append(ODOMETRY)
