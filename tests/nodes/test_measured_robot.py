@@ -2,7 +2,10 @@
 """A robot whose sensors each have stamps of their own: what the executor makes of them."""
 
 import time
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -11,15 +14,28 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.qos import qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu, JointState
 from vgps_msgs.msg import Signals
 
-from tests.nodes.conftest import executed
+from tests.bags.altered import messages_of, write_bag
+from tests.nodes.conftest import executed, values_of
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.core.bodies import product
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of
-from vgps_ros.messages.robot_state import JOINTS, NewestMeasurements, StateMessages
+from vgps_ros.messages.conversions import (
+    command_from_msg,
+    nanoseconds,
+    stamp_of,
+    state_from_msg,
+)
+from vgps_ros.messages.robot_state import (
+    JOINTS,
+    NewestMeasurements,
+    StateMessages,
+    joined_joints,
+)
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.storage.run_folder import save_policy
@@ -29,6 +45,7 @@ OK, ERROR = DiagnosticStatus.OK, DiagnosticStatus.ERROR
 MS = 1_000_000  # [ns]
 PERIOD = 20 * MS
 REAL = {"state_qos": "sensor_data"}
+QOS = qos_profile_sensor_data
 # Motors, so that what a policy of chance says needs no limit.
 BLIND = Path("tests/tasks/quadruped_with_motors.yaml")
 
@@ -65,11 +82,13 @@ class Robot:
         self.executor = graph.start("policy_executor", prefix=prefix, **named)
         self.commands = graph.messages(JointState, "joint_command")
         self.contexts = graph.messages(Signals, "context")
-        qos = qos_profile_sensor_data if parameters.get("state_qos") else STREAM
+        qos = QOS if parameters.get("state_qos") else STREAM
         self.joints = graph.publisher(JointState, "joint_states", qos)
         self.base = graph.publisher(base, name, qos)
         graph.publish_policy(self.policy, task.name)
-        graph.diagnosis("policy_executor", OK, f"Waiting for {name} and joint_states")
+        text = f"Waiting for {name} and joint_states"
+        for_it = partial(graph.diagnosis, "policy_executor", OK, text)
+        graph.spin_until(lambda: for_it().message.startswith(text), what="the policy to be taken")
         self.sent: dict[str, dict[int, object]] = {JOINTS: {}, name: {}}
 
     def send(self, topic, message):
@@ -257,6 +276,58 @@ def test_a_frame_that_is_unknown_is_refused_with_the_names_of_those_that_are_not
     graph.diagnosis("policy_executor", ERROR, "The frame of imu is 'vendor_imu', but it must be")
 
 
+@pytest.mark.parametrize("has_velocities", [True, False])
+def test_two_drivers_with_half_of_the_joints_each_are_one_robot(graph, blind, has_velocities):
+    """A third one is a gripper's, of which the task knows nothing; it has no velocity."""
+    robot = Robot(graph, blind, state_timeout=60.0, **REAL)
+    drivers = [robot.joints, *(graph.publisher(JointState, JOINTS, QOS) for _ in range(2))]
+    states = StateMessages(state_layout(blind.dynamics.model))
+    for step in range(30):
+        at = 1000 * MS + step * PERIOD
+        whole = states.split(robot.state(at), stamp_of(at))[JOINTS]
+        robot.sent[JOINTS][at] = whole
+        robot.send_imu(at)
+        for k, driver in enumerate(drivers):
+            part = JointState(name=["finger"], position=[0.1])
+            part.header.stamp = stamp_of(at + k * MS)
+            if k < 2:
+                part.name = whole.name[k::2]
+                part.position = whole.position[k::2]
+                part.velocity = whole.velocity[k::2] if has_velocities else []
+            driver.publish(part)
+        graph.spin_for(0.02)
+        robot.keep_pace(at)
+    graph.spin_until(lambda: len(robot.commands) >= 15, what="commands")
+    is_said = "differences of positions, filtered over 0.02 s" in robot.executor.output
+    assert is_said != has_velocities
+    if has_velocities:  # of parts of which one was lost the others make states of other stamps
+        whole = [
+            c
+            for c, at in zip(robot.commands, robot.stamps(), strict=True)
+            if at in robot.sent[JOINTS]
+        ]
+        assert len(whole) >= 10
+        assert all(robot.is_explained(command, 50 * MS) for command in whole)
+    else:
+        values = values_of(graph.diagnosis("policy_executor", OK, "Running"))
+        assert values["joint velocities"].startswith("differences of positions")
+
+
+def test_the_joints_that_no_driver_sends_are_named(graph, blind):
+    robot = Robot(graph, blind, **REAL)
+    names = blind.joint_names
+
+    def is_said():
+        part = JointState(name=names[1:], position=[0.0] * 11, velocity=[0.0] * 11)
+        part.header.stamp = graph.node.get_clock().now().to_msg()
+        robot.joints.publish(part)
+        graph.spin_for(0.1)
+        sentence = f"No state is complete: joint_states with {names[0]} did not come."
+        return sentence in robot.executor.output
+
+    graph.spin_until(is_said, what="the name of the joint")
+
+
 def test_a_turned_imu_tells_the_same_as_one_along_the_axes_of_the_base(blind, rng):
     model = blind.dynamics.model.__copy__()
     site = model.site("imu").id
@@ -327,17 +398,64 @@ def test_the_simulations_imu_drives_a_blind_policy_and_the_bag_proves_the_torque
     assert np.std(errors) == pytest.approx(noise[1], rel=0.5)
 
 
+def test_a_stall_in_the_first_of_two_runs_leaves_a_bag_without_a_fault(graph, blind, tmp_path):
+    """After a reset the stamps come again: the joints of one run belong to its own IMU."""
+    save_policy(a_policy(blind), blind.name, tmp_path / "policy.json")
+    given = {"policy_file": tmp_path / "policy.json", "state_timeout": 60.0}
+    given |= {"stochastic": True}
+    recorder = graph.record()
+    graph.start("simulation", task=blind.name, start_paused=True, imu_noise=[0.02, 0.1, 0.2])
+    graph.start("policy_executor", task=blind.name, **given)
+    for topic in ("imu", "odom", "joint_states", "joint_command", "context", "policy"):
+        graph.spin_until(lambda t=topic: graph.node.count_subscribers(t), what=topic)
+    graph.spin_for(1.0)
+    for seed in (1, 2):  # by whose noise the runs differ
+        assert graph.set_parameter("policy_executor", "seed", seed).successful
+        program = graph.start_program("execute_policy", "--task", blind.name, "--steps", "8")
+        graph.ends(program)
+        graph.spin_for(1.2)  # for the diagnostics
+    assert recorder.end() == 0, recorder.output
+    messages = messages_of(tmp_path / "bag")
+    commands = [m for m in messages if m.topic == "/joint_command"]
+    stamps = [nanoseconds(deserialize_message(m.data, JointState).header.stamp) for m in commands]
+    stalled = commands[stamps.index(5 * PERIOD)].stamp  # of the first run
+    late = [
+        replace(m, stamp=m.stamp + 1500 * MS)
+        if m.stamp >= stalled or (m.topic == "/context" and m.stamp > stalled - 5 * MS)
+        else m
+        for m in messages
+    ]
+    bag = write_bag(tmp_path / "stalled", sorted(late, key=lambda m: m.stamp), tmp_path / "bag")
+    for found in map(check_bag, (tmp_path / "bag", bag)):
+        assert found.wrong == []
+        assert found.counts["noisy"] >= 16
+
+
 # One robot's measurements, without a graph
 
 
-def stamped(at):
-    message = JointState()
+def needing(*topics, joints=()):
+    """A robot whose states need messages on these topics, and these joints."""
+
+    def lacking(messages):
+        return [topic for topic in topics if topic not in messages]
+
+    def lacking_joints(names):
+        return [name for name in joints if name not in names]
+
+    return SimpleNamespace(lacking=lacking, lacking_joints=lacking_joints, joint_names=joints)
+
+
+def stamped(at, **positions):
+    """Joint states of a stamp [ns], of which each joint turns at its position a second."""
+    message = JointState(name=list(positions), position=list(positions.values()))
+    message.velocity = list(positions.values())
     message.header.stamp = stamp_of(at)
     return message
 
 
 def test_a_state_that_comes_again_with_other_values_is_never_mixed_with_what_it_was():
-    newest = NewestMeasurements(lambda m: sorted({"imu", JOINTS} - m.keys()), 0.01)
+    newest = NewestMeasurements(needing("imu", JOINTS), 0.01)
     assert newest.add("imu", stamped(5)) is None
     assert newest.add(JOINTS, stamped(5))
     assert newest.add(JOINTS, stamped(5)) is None  # until the IMU was heard again, too
@@ -345,9 +463,80 @@ def test_a_state_that_comes_again_with_other_values_is_never_mixed_with_what_it_
 
 
 def test_a_clock_that_was_set_back_is_followed():
-    newest = NewestMeasurements(lambda m: sorted({JOINTS} - m.keys()), 0.05, 0.02)
+    newest = NewestMeasurements(needing(JOINTS), 0.05, 0.02)
     assert newest.add(JOINTS, stamped(10**9))
     assert newest.add(JOINTS, stamped(10**9 + 5 * MS)) is None
     assert newest.add(JOINTS, stamped(10**9 - 5 * MS)) is None  # overtaken
     assert newest.add(JOINTS, stamped(10**9 + 20 * MS))
     assert newest.add(JOINTS, stamped(MS))
+
+
+def collected(newest, messages):
+    """The stamp [ns] and the positions by joint of each state that messages make."""
+    found = [each[JOINTS] for each in map(partial(newest.add, JOINTS), messages) if each]
+    return [
+        (nanoseconds(m.header.stamp), dict(zip(m.name, m.position, strict=True))) for m in found
+    ]
+
+
+@pytest.mark.parametrize(("tolerance", "period"), [(0.01, 0.0), (0.05, 0.02)])
+def test_joints_that_come_in_parts_are_one_state_with_the_stamp_of_the_oldest(tolerance, period):
+    newest = NewestMeasurements(needing(JOINTS, joints=("hip", "knee")), tolerance, period)
+    legs = [(at, stamped(at * MS, hip=at)) for at in range(20, 200, 20)]
+    feet = [(at, stamped(at * MS, knee=at)) for at in range(25, 205, 20)]
+    hands = [(at, stamped(at * MS, finger=at)) for at in range(22, 202, 5)]
+    sent = [message for _, message in sorted([*legs, *feet, *hands], key=lambda each: each[0])]
+    expected = [(at * MS, {"hip": at, "knee": at + 5}) for at in range(20, 200, 20)]
+    assert collected(newest, sent) == expected
+
+
+def test_parts_that_are_too_far_apart_are_no_state_and_what_lacks_is_named():
+    newest = NewestMeasurements(needing(JOINTS, joints=("hip", "knee")), 0.05, 0.02)
+    assert newest.missing() == JOINTS
+    assert collected(newest, [stamped(1000 * MS, knee=1.0)]) == []
+    late = [stamped(at * MS, hip=at) for at in range(1060, 1200, 20)]
+    assert collected(newest, [*late, stamped(0, finger=1.0)]) == []
+    assert newest.missing() == "joint_states with knee (one came with ['finger'])"
+    again = [(1180 * MS, {"hip": 1180.0, "knee": 2.0})]  # whose oldest part is the hip's
+    assert collected(newest, [stamped(1200 * MS, knee=2.0)]) == again
+    assert not newest.missing()
+
+
+def test_a_part_without_velocities_is_refused_by_what_it_lacks():
+    half = stamped(5, knee=1.0)
+    half.velocity = []
+    joined = joined_joints([stamped(7, hip=1.0), half])
+    assert (joined.name, nanoseconds(joined.header.stamp)) == (["hip", "knee"], 5)
+    with pytest.raises(InvalidInputError, match=r"velocity has 0 values"):
+        state_from_msg(joined, ["hip", "knee"])
+
+
+@pytest.mark.parametrize("absent", [[], [float("nan")]])
+def test_velocities_that_no_driver_sends_are_filtered_differences_and_it_is_said_once(absent):
+    """A joint that turns to and fro at 1 Hz, read by an encoder of 1e-4 rad at 200 Hz."""
+    said, errors = [], []
+    robot = needing(JOINTS, joints=("hip",))
+    newest = NewestMeasurements(robot, 0.05, 0.0, 0.02, lambda: said.append(1))
+    for step in range(400):
+        at = 0.005 * step
+        position = round(np.sin(2 * np.pi * at), 4)
+        message = stamped(round(at * 1e9), hip=position)
+        message.velocity = absent
+        messages = newest.add(JOINTS, message)
+        assert (messages is None) == (step == 0)  # one position is no velocity yet
+        if step > 20:
+            true = 2 * np.pi * np.cos(2 * np.pi * at)
+            errors.append(messages[JOINTS].velocity[0] - true)
+    assert said == [1]
+    assert np.abs(errors).max() < 1.0  # of 6.3 rad/s: it lags by 0.02 s
+    back = stamped(0, hip=3.0)
+    back.velocity = absent
+    assert newest.add(JOINTS, back) is None  # after a reset
+
+
+def test_velocities_of_zero_and_single_gaps_are_no_missing_velocities():
+    robot = needing(JOINTS, joints=("hip", "knee"))
+    newest = NewestMeasurements(robot, 0.05, 0.0, 0.02, lambda: pytest.fail("differences"))
+    still, gap = stamped(5, hip=0.0, knee=0.0), stamped(9, hip=1.0, knee=float("nan"))
+    assert newest.add(JOINTS, still) == {JOINTS: still}
+    assert newest.add(JOINTS, gap) == {JOINTS: gap}  # which is refused by its name

@@ -277,3 +277,10 @@ def test_a_robot_whose_driver_publishes_best_effort_is_driven_but_not_without_st
     stamped(0)
     sentence = "the state's stamp is 0, but it must be the time of the measurement"
     graph.diagnosis("policy_executor", DiagnosticStatus.ERROR, sentence)
+
+
+def test_an_executor_with_a_policy_file_waits_for_states_alone(graph, random_policy, tmp_path):
+    save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
+    executor = graph.start("policy_executor", policy_file=tmp_path / "policy.json")
+    graph.diagnosis("policy_executor", DiagnosticStatus.OK, "Waiting for joint_states")
+    assert "Waiting for policy" not in executor.output

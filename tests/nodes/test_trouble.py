@@ -3,7 +3,7 @@
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
@@ -17,6 +17,7 @@ from vgps_ros.messages.conversions import command_to_msg, outcome_of, pack, stam
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.tasks import make_task
 
+ERROR, OK = DiagnosticStatus.ERROR, DiagnosticStatus.OK
 NODE = "trajectory_optimizer"
 ROTOR = make_task("rotor")
 
@@ -91,3 +92,19 @@ def test_only_an_error_that_was_not_foreseen_leaves_its_traceback(graph):
     assert sentence.startswith("ZeroDivisionError: ")
     graph.spin_until(lambda: any("divmod(1, 0)" in x.msg for x in lines), what="the traceback")
     assert not any("another task" in line.msg for line in lines)
+
+
+def test_a_fault_that_is_over_is_gone_from_the_next_diagnostics(graph):
+    health, array = Health(graph.node), graph.messages(DiagnosticArray, "/diagnostics")
+    graph.spin_until(lambda: array, what="diagnostics")
+    health.report("state", error="It fell.")
+    health.clear("state")
+    levels = []
+
+    def are_three():
+        levels.extend(status.level for message in array for status in message.status)
+        array.clear()
+        return ERROR in levels and len(levels[levels.index(ERROR) :]) == 3
+
+    graph.spin_until(are_three, what="the fault and two more")
+    assert levels[levels.index(ERROR) :] == [ERROR, OK, OK]

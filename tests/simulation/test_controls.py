@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motors import robot
-from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.controls import controls_of, resting_controls
 
 KINDS = {
     '<motor joint="{}"/>': ("torque", "N·m"),
@@ -49,6 +49,17 @@ def test_each_control_has_a_kind_and_a_unit():
     assert list(zip(CONTROLS.kinds, CONTROLS.units, strict=True)) == list(KINDS.values())
     # What keeps its force at u = 0 has nothing that leaves the robot alone.
     assert CONTROLS.restless == (f"j{len(KINDS) - 1}",)
+
+
+def test_a_posed_servo_exerts_no_force_and_other_controls_are_zero(state):
+    data = mujoco.MjData(MODEL)
+    data.qpos[:] = state[: MODEL.nq]
+    mujoco.mj_forward(MODEL, data)
+    control, servos = resting_controls(data), CONTROLS.are("position")
+    assert servos.sum() == 3
+    assert not control[~servos].any()
+    state[MODEL.nq : 2 * MODEL.nq] = 0.0
+    np.testing.assert_allclose(forces(state, control)[servos], 0.0, atol=1e-12)
 
 
 def test_the_force_on_a_joint_is_mujocos_for_any_control_and_state(state, rng):

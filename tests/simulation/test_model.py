@@ -58,13 +58,24 @@ def test_each_number_of_a_sensor_has_a_name():
 
 
 def test_a_control_has_the_velocity_of_its_joint_where_it_drives_one_of_one_axis():
-    """One of the controls pulls a tendon, so all bear their actuators' names."""
-    assert actuated_joint_names(MODEL) == ["hip", "slow_knee", "pull", "wag"]
+    """What pulls a tendon bears its actuator's name, and no other one does."""
+    assert actuated_joint_names(MODEL) == ["hip", "knee", "pull", "tail"]
     controls, names = controls_of(MODEL), state_names(MODEL)
     driven = np.zeros((4, len(names)))
     for i, joint, share in ((0, "hip", 1.0), (1, "knee", 1.0), (2, "hip", 1.0), (2, "knee", -0.5)):
         driven[i, names.index(f"{joint}/velocity")] = share
     np.testing.assert_array_equal(controls.velocities, driven)
+
+
+def test_two_actuators_of_one_joint_and_one_that_is_called_as_a_joint_have_names_of_their_own():
+    def names(*actuators):
+        joints = "".join(f"<body><joint name='{j}'/><geom size='1'/></body>" for j in "abc")
+        inside = "".join(f"<general name='{n}' joint='{j}'/>" for n, j in actuators)
+        text = f"<mujoco><worldbody>{joints}</worldbody><actuator>{inside}</actuator></mujoco>"
+        return actuated_joint_names(mujoco.MjModel.from_xml_string(text))
+
+    assert names("xa", "yb", "za") == ["x", "b", "z"]
+    assert names("xa", "yb", "ca") == ["x", "y", "c"]  # c is a joint that it does not drive
 
 
 def test_what_remembers_more_than_its_state_or_drives_nothing_is_refused():

@@ -100,6 +100,41 @@ def test_a_pose_is_held_by_torques_in_the_motors_range(folder, rng):
     assert_allclose(motion.controls[:, 0], np.clip(gains, -24, 24), rtol=1e-12)
 
 
+def test_a_pose_of_a_gripper_is_a_control_of_its_range_not_its_tendons_length(folder, rng):
+    """A fixed tendon of two fingers, from 0 to 0.04 m, is driven from 0 to 255, as a Panda's."""
+    finger = "<body><joint name='{}' type='slide' damping='9'/><geom size='.1' mass='1'/></body>"
+    (folder / "gripper.xml").write_text(f"""
+        <mujoco>
+          <option gravity='0 0 0' timestep='0.002'/>
+          <worldbody>
+            <body><joint name='elbow'/><geom size='.1'/></body>
+            {finger.format("left")}{finger.format("right")}
+          </worldbody>
+          <tendon><fixed name='split'>
+            <joint joint='left' coef='.5'/><joint joint='right' coef='.5'/>
+          </fixed></tendon>
+          <actuator>
+            <position name='a1' joint='elbow' kp='9' ctrlrange='-1 1'/>
+            <general name='hand' tendon='split' ctrlrange='0 255' gainprm='0.01568627451'
+                     biastype='affine' biasprm='0 -100 -10'/>
+          </actuator>
+        </mujoco>""")
+    (folder / "gripper.yaml").write_text("""
+        model: gripper.xml
+        control_period: 0.02
+        horizon: 0.4
+        start: {positions: {elbow: 0.2, left: 0.03, right: 0.01}}
+        cost: [{control: all, pose: start, weight: 1.0}]
+        observe: [joint_positions]
+        begin: {law: pd, pose: {elbow: 0.2, left: 0.01, right: 0.01}}
+        """)
+    task = make_task(str(folder / "gripper.yaml"))
+    assert task.actuated_joint_names == ["elbow", "hand"]
+    assert_allclose(task.cost.control_targets, [0.2, 127.5], rtol=1e-9)
+    motion = task.begin(task, task.initial_state, 20, rng).trajectory
+    assert_allclose(motion.controls, np.tile([0.2, 63.75], (20, 1)), rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("law", "expected"),
     [("{law: zero}", 0.0), ("{law: noise, std: 3.0}", 3.0), ("{law: noise, std: 300.0}", 24.0)],

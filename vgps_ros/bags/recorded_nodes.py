@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads what a bag holds of its nodes: their parameters, policies, and what the executor did."""
 
+from bisect import bisect_left
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -53,8 +54,12 @@ class Timeline:
         self.values.append(value)
 
     def around(self, time: int) -> list[Any]:
-        """Returns the values that may have been the latest at a time, the likeliest first."""
-        first = max(0, int(np.searchsorted(self.received, time - SLACK, side="right")) - 1)
+        """Returns the values that may have been the latest at a time, the likeliest first.
+
+        Of the joints of a state that came long before, with each IMU of their stamp, all do.
+        """
+        before = int(np.searchsorted(self.received, time - SLACK, side="right"))
+        first = bisect_left(self.received, self.received[before - 1]) if before else 0
         last = int(np.searchsorted(self.received, time + SLACK, side="right"))
         now = int(np.searchsorted(self.received, time, side="right")) - 1
         return [self.values[i] for i in sorted(range(first, last), key=lambda i: abs(i - now))]

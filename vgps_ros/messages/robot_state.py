@@ -24,7 +24,7 @@ messages say.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -44,6 +44,7 @@ from vgps_ros.messages.conversions import (
     name_order,
     nanoseconds,
     pack,
+    stamp_of,
     state_from_msg,
     state_to_msg,
 )
@@ -111,17 +112,27 @@ class StateMessages:
         self._imu_frame = imu_frame
         self._turn_of(imu_frame)  # which must be there
 
+    def lacking_joints(self, names: Collection[str]) -> list[str]:
+        """Returns the joints that lack beside these names; `odom` may tell those of a base."""
+        on_base = self._planar.joints if self._planar else ()
+        is_told = any(name in names for name in on_base)
+        needed = self.joint_names if is_told else self._limb_names
+        return [name for name in needed if name not in names]
+
     def lacks_base(self, joints: Any) -> bool:
         """Returns whether joint states have all joints but those that `odom` may tell."""
-        if not self._planar or any(name in joints.name for name in self._planar.joints):
-            return False
-        return set(self._limb_names) <= set(joints.name)
+        names = set(joints.name)
+        is_told = not self._planar or not names.isdisjoint(self._planar.joints)
+        return not (is_told or self.lacking_joints(names))
 
     def lacking(self, messages: Mapping[str, Any]) -> list[str]:
         """Returns the topics whose messages lack to join messages, by topic, to a state."""
         lacking = [topic for topic in self.needed if topic not in messages]
-        if not (ODOMETRY in messages or JOINTS in lacking) and self.lacks_base(messages[JOINTS]):
-            lacking.append(ODOMETRY)
+        if JOINTS in messages:
+            if self.lacking_joints(set(messages[JOINTS].name)):
+                lacking.append(JOINTS)
+            elif ODOMETRY not in messages and self.lacks_base(messages[JOINTS]):
+                lacking.append(ODOMETRY)
         return lacking
 
     def is_complete(self, messages: Mapping[str, Any]) -> bool:
@@ -249,7 +260,8 @@ class StateMessages:
 class StateCollector:
     """Collects messages until those of one stamp make a state, in any order.
 
-    A state that is sent again is complete again once all of its messages came again.
+    Messages on `joint_states` that name some of the joints each are joined by name. A state that is
+    sent again is complete again once all of its messages came again.
     """
 
     def __init__(self, is_complete: Callable[[Mapping[str, Any]], bool]):
@@ -260,7 +272,8 @@ class StateCollector:
         """Returns the messages of a state by topic, if this message completes it."""
         stamp = nanoseconds(message.header.stamp)
         messages = self._waiting.setdefault(stamp, {})
-        messages[topic] = message
+        parts = [messages[topic]] if topic == JOINTS and topic in messages else []
+        messages[topic] = joined_joints([*parts, message]) if parts else message
         if not self._is_complete(messages):
             if len(self._waiting) > _PATIENCE:
                 del self._waiting[next(iter(self._waiting))]
@@ -273,6 +286,109 @@ class StateCollector:
         return messages
 
 
+def joined_joints(parts: Sequence[Any]) -> Any:
+    """Returns one message of parts on `joint_states`, with the stamp of the oldest of them.
+
+    Of a joint in several parts the last one counts. A field that a part lacks is left empty.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    places = {name: (part, i) for part in parts for i, name in enumerate(part.name)}
+    joined = JointState(name=list(places))
+    joined.header.stamp = stamp_of(min(nanoseconds(part.header.stamp) for part in parts))
+    for field in ("position", "velocity", "effort"):
+        if all(len(getattr(part, field)) == len(part.name) for part in parts):
+            setattr(joined, field, [getattr(part, field)[i] for part, i in places.values()])
+    return joined
+
+
+class JointParts:
+    """Joins messages on `joint_states`, of which each may name some of the joints only.
+
+    The newest parts are one message once each joint is among them, and again when the oldest part
+    is newer. What names none of the joints is left out, as that of another driver's gripper.
+
+    Args:
+        states: tells which joints there are.
+        tolerance: largest difference between the stamps of two parts [ns].
+        smoothing: time constant of the filter of velocities that are differences of positions,
+            which count where a message has none; 0: none are made [s].
+        tell: called before the first of these.
+    """
+
+    def __init__(
+        self,
+        states: StateMessages,
+        tolerance: int,
+        smoothing: float = 0.0,
+        tell: Callable[[], object] = lambda: None,
+    ):
+        self._states, self._tolerance = states, tolerance
+        self._smoothing, self._tell = smoothing, tell
+        self._parts: list[Any] = []
+        self._last = 0  # stamp of the newest message that was made of several parts [ns]
+        self._strange: list[str] = []  # names in the newest message that was left out
+        # Stamp [ns], positions and velocities of the newest message that had none, by its names.
+        self._moving: dict[tuple[str, ...], tuple[int, Array, Array | None]] = {}
+
+    def add(self, message: Any) -> Any | None:
+        """Returns a message with all joints, if this one completes it."""
+        names, stamp = set(message.name), nanoseconds(message.header.stamp)
+        if self._states.joint_names and names.isdisjoint(self._states.joint_names):
+            self._strange = list(message.name)
+            return None
+        if self._smoothing and not np.isfinite(message.velocity).any():
+            message = self._with_velocities(message, stamp)
+            if message is None:
+                return None
+        self._parts = [
+            part
+            for part in self._parts
+            if self._is_near(part, stamp) and not names.issuperset(part.name)
+        ]
+        self._parts.append(message)
+        if self._states.lacking_joints({name for part in self._parts for name in part.name}):
+            return None
+        joined = joined_joints(self._parts)
+        if len(self._parts) > 1:
+            before, self._last = self._last, nanoseconds(joined.header.stamp)
+            return None if self._last == before > 0 else joined
+        return joined
+
+    def missing(self) -> str:
+        """Returns the joints that lack to the newest parts, in words; empty where none do."""
+        lacking = self._states.lacking_joints({name for part in self._parts for name in part.name})
+        if not (lacking and (self._parts or self._strange)):
+            return ""
+        strange = f" (one came with {quote(self._strange)})" if self._strange else ""
+        return f"{JOINTS} with {', '.join(lacking)}{strange}"
+
+    def _is_near(self, part: Any, stamp: int) -> bool:
+        return abs(nanoseconds(part.header.stamp) - stamp) <= self._tolerance
+
+    def _with_velocities(self, message: Any, stamp: int) -> Any | None:
+        """Returns a message with velocities; None for the first one of some joints."""
+        names, here = tuple(message.name), np.array(message.position)
+        if len(here) != len(names):
+            return message  # which is refused
+        if not self._moving:
+            self._tell()
+        before, there, velocity = self._moving.get(names, (stamp, here, None))
+        passed = (stamp - before) * 1e-9
+        if passed > 0.0:
+            rate = (here - there) / passed
+            kept = math.exp(-passed / self._smoothing)
+            velocity = rate if velocity is None else rate + kept * (velocity - rate)
+        elif passed < 0.0:  # time was set back
+            velocity = None
+        self._moving[names] = stamp, here, velocity
+        if velocity is None:
+            return None
+        filled = JointState(header=message.header, name=message.name, position=message.position)
+        filled.velocity = pack(velocity)
+        return filled
+
+
 class NewestMeasurements:
     """Joins the newest message of each topic to states, where each sensor has stamps of its own.
 
@@ -283,21 +399,26 @@ class NewestMeasurements:
         takes_all: whether states count that come earlier than the period says.
 
     Args:
-        lacking: tells the topics that lack to a state.
+        states: tells the topics and the joints that lack to a state.
         tolerance: largest difference between the stamp of `joint_states` and another one [s].
         period: time of a control step, in which one state is made of a robot that measures more
             often; 0: each state of a simulation counts, and each message is used once, since a
             state may come again with other values [s].
+        smoothing: see `JointParts`, as `tell`.
+        tell: called before the first velocities that are differences.
     """
 
     def __init__(
         self,
-        lacking: Callable[[Mapping[str, Any]], list[str]],
+        states: StateMessages,
         tolerance: float,
         period: float = 0.0,
+        smoothing: float = 0.0,
+        tell: Callable[[], object] = lambda: None,
     ):
-        self._lacking = lacking
+        self._lacking = states.lacking
         self._tolerance, self._period = round(tolerance * 1e9), round(period * 1e9)  # [ns]
+        self._joints = JointParts(states, self._tolerance, smoothing, tell)
         self._newest: dict[str, Any] = {}
         self._due, self._last = 0, 0  # stamps of the next state that is wanted, and of the last
         self._is_new = False  # whether the newest joint states have made no state yet
@@ -305,6 +426,8 @@ class NewestMeasurements:
 
     def add(self, topic: str, message: Any) -> dict[str, Any] | None:
         """Returns the messages of a state by topic, if this message completes it."""
+        if topic == JOINTS and not (message := self._joints.add(message)):
+            return None
         self._newest[topic] = message
         self._is_new |= topic == JOINTS
         if not self._is_new:
@@ -327,8 +450,8 @@ class NewestMeasurements:
 
     def missing(self) -> str:
         """Returns what the newest joint states lack to a state, in words; empty where nothing."""
-        if JOINTS not in self._newest:
-            return JOINTS
+        if (lacking := self._joints.missing()) or JOINTS not in self._newest:
+            return lacking or JOINTS
         stamp = nanoseconds(self._newest[JOINTS].header.stamp)
         said = []
         for topic in self._lacking(self._near(stamp)):

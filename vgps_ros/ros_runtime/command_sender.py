@@ -38,6 +38,7 @@ COMMAND_INTERFACES = Setting(
     "empty: the one of the controls' kind",
 )
 _PERIOD = 1.0  # over which figures are taken [s]
+_FASTEST = 10.0  # of a simulation, in its seconds a second; stamps that go faster have jumped
 
 
 class CommandSender:
@@ -122,14 +123,16 @@ class AnswerTimes:
     """Shows on /diagnostics how often a controller answers, how fast, and what it missed.
 
     The figures are those of ros2_control's controller_manager. A state is missed where the stamps
-    of the states that are answered have a gap; the control period is in seconds.
+    of the states that are answered have a gap; the control period is in seconds. Where the stamps
+    went back, or far ahead of the time that passed, the clock jumped, and nothing was missed.
     """
 
     def __init__(self, health: Health, period: float):
         self._health = health
         self._period = round(period * 1e9)
         self._stamp: int | None = None
-        self._missed = self._states = 0
+        self._missed = self._states = self._jumps = 0
+        self._answered = time.monotonic()
         self._begin()
 
     def _begin(self) -> None:
@@ -137,16 +140,21 @@ class AnswerTimes:
 
     def answered(self, stamp: int, seconds: float) -> None:
         """Notes the stamp [ns] of a state that was answered, and the time that it took [s]."""
-        gap = 0 if self._stamp is None else max(0, (stamp - self._stamp) // self._period - 1)
-        self._stamp = stamp
+        now = time.monotonic()
+        step = 0 if self._stamp is None else stamp - self._stamp
+        has_jumped = not 0.0 <= step * 1e-9 <= _PERIOD + _FASTEST * (now - self._answered)
+        gap = 0 if has_jumped else max(0, step // self._period - 1)
+        self._stamp, self._answered = stamp, now
+        self._jumps += has_jumped
         self._missed += gap
         self._states += 1 + gap
         self._count += 1
         self._spent += seconds
         self._longest = max(self._longest, seconds)
-        if (passed := time.monotonic() - self._since) > _PERIOD:
+        if (passed := now - self._since) > _PERIOD:
             mean, longest = 1e3 * self._spent / self._count, 1e3 * self._longest
             self._health.set_value("periodicity", f"{self._count / passed:.1f} Hz")
             self._health.set_value("execution time", f"mean {mean:.2f}, longest {longest:.2f} ms")
             self._health.set_value("missed deadlines", f"{self._missed} of {self._states}")
+            self._health.set_value("clock jumps", self._jumps)
             self._begin()

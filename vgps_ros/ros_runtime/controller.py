@@ -62,6 +62,7 @@ from vgps_ros.ros_runtime.qos import (
     LATEST,
     NEWEST,
     NEWEST_OF_SENSORS,
+    PARTS_OF_SENSORS,
 )
 from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.services import steady_timer
@@ -103,6 +104,15 @@ SENSOR_TOLERANCE = Setting(
     minimum=0.0,
     maximum=10.0,
 )
+VELOCITY_FILTER = Setting(
+    "velocity_filter",
+    0.0,
+    "where joint_states have no velocities, those are differences of positions, through a low-pass "
+    "filter of this time constant; with state_qos sensor_data a control period by default; 0: "
+    "such states are refused [s]",
+    minimum=0.0,
+    maximum=10.0,
+)
 BASE_FROM = Setting(
     "base_from",
     "auto",
@@ -129,7 +139,8 @@ _OF_REAL_ROBOTS: dict[str, Any] = {
     "joint_margin": 0.5,
     "joint_speed_limit": 100.0,
 }
-_LOADED = {"robot", "training", "_supervisor", "_states", "_collector", "_times", "_clock_jumps"}
+_LOADED = {"robot", "training", "_supervisor", "_states", "_collector", "_sensors", "_times"}
+_LOADED |= {"_clock_jumps"}
 
 
 class Controller(LifecycleNode):
@@ -151,7 +162,9 @@ class Controller(LifecycleNode):
         self._sender = CommandSender(self, self.robot.controls.names)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
         self._frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
-        for setting in (SENSOR_TOLERANCE, BASE_FROM):
+        smoothing = self.robot.time_step if self._is_real else 0.0
+        filtered = replace(VELOCITY_FILTER, default=smoothing)
+        for setting in (SENSOR_TOLERANCE, filtered, BASE_FROM):
             declare(self, setting)
         self.prepare_law()
         for setting in (POLICY_FILE, DISTRIBUTION_FILE):
@@ -276,21 +289,32 @@ class Controller(LifecycleNode):
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
         source = "the robot's drivers" if self._is_real else "simulation"
         self._awaited = f"{' and '.join(self._states.needed)}{also} from {source}"
-        self._collector = (
-            NewestMeasurements(self._states.lacking, value(self, SENSOR_TOLERANCE), time_step)
-            if self._is_real
-            else NewestMeasurements(self._states.lacking, time_step / 2)
+        self._collector = NewestMeasurements(
+            self._states,
+            value(self, SENSOR_TOLERANCE) if self._is_real else time_step / 2,
+            time_step if self._is_real else 0.0,
+            value(self, VELOCITY_FILTER),
+            self._tell_differences,
         )
-        qos = NEWEST_OF_SENSORS if self._is_real else NEWEST
+        self._sensors = {}
         for name, sensor in self._states.sources.items():
+            real = PARTS_OF_SENSORS if name == JOINTS else NEWEST_OF_SENSORS
             events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, name))
-            take = partial(self._take_measurement, name)
-            self.create_subscription(sensor, name, take, qos, event_callbacks=events)
+            take, qos = partial(self._take_measurement, name), real if self._is_real else NEWEST
+            made = self.create_subscription(sensor, name, take, qos, event_callbacks=events)
+            self._sensors[name] = made
         # With use_sim_time; the state of the time 0, which says so too, may be lost.
         self._clock_jumps = self.get_clock().create_jump_callback(
             JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
             post_callback=lambda _: self._supervisor.forget_time(),
         )
+
+    def _tell_differences(self) -> None:
+        """Says that velocities of joints are none that a sensor measures."""
+        time = value(self, VELOCITY_FILTER)
+        words = f"differences of positions, filtered over {time:g} s (velocity_filter)"
+        self.health.set_value("joint velocities", words)
+        self.get_logger().warning(f"joint_states have no velocities: they are {words}.")
 
     def _tell_qos(self, topic: str, _: object) -> None:
         """Reports who sends measurements that never arrive: only reliability can differ."""
@@ -461,7 +485,13 @@ class Controller(LifecycleNode):
     def _take_measurement(self, topic: str, message: Any) -> None:
         if not self._active and self._until is None:
             return
-        if messages := self._collector.add(topic, message):
+        messages = self._collector.add(topic, message)
+        # Of a real robot the newest state is answered, whatever else waits.
+        while self._is_real and (
+            taken := self._sensors[topic].handle.take_message(type(message), False)
+        ):
+            messages = self._collector.add(topic, taken[0]) or messages
+        if messages:
             self.health.clear("sensors")
             self._take_state(messages)
         elif (

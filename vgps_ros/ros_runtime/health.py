@@ -57,7 +57,7 @@ class Health:
         check_given_parameters(node)
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", STREAM)
         self._faults: dict[str, tuple[bytes, str]] = {}  # level and sentence, by what it is about
-        self._over: set[str] = set()  # faults that are shown once more
+        self._over: set[str] = set()  # faults that the next diagnostics no longer show
         self._said: dict[str, tuple[str, float]] = {}  # last line in the log, and when
         self._waiting: dict[str, float] = {}  # since when [s]
         self._late: set[str] = set()  # of these, since longer than wait_timeout
@@ -123,7 +123,7 @@ class Health:
             self.clear(about)
 
     def clear(self, *abouts: str) -> None:
-        """Reports that faults are over; /diagnostics shows each once, however short it was."""
+        """Reports that faults are over; each was on /diagnostics at once, however short it was."""
         self._over.update(about for about in abouts if about in self._faults)
 
     def set_value(self, key: str, value: object) -> None:
@@ -178,10 +178,10 @@ class Health:
         for about, (_, sentence) in list(self._faults.items()):
             if sentence != self._said[about][0]:
                 self._log(about)
-        self.publish()
         for about in self._over:
             self._faults.pop(about, None)
         self._over = set()
+        self.publish()
 
     def publish(self) -> None:
         """Publishes the worst level, and all sentences on what is wrong, the worst first."""

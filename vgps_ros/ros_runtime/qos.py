@@ -26,8 +26,10 @@ STREAM = QoSProfile(depth=1000)
 # The other end of a stream of states, for a controller: it acts on the newest, never on a backlog.
 NEWEST = QoSProfile(depth=1)
 
-# The same for the sensors of a real robot, to which REP 2003 has nodes listen with best effort.
+# The same for the sensors of a real robot, to which REP 2003 has nodes listen with best effort. Of
+# joint_states, each driver of some joints may have a message waiting.
 NEWEST_OF_SENSORS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+PARTS_OF_SENSORS = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 # What a person or a planner commands: the newest ones matter, whatever their sender guarantees.
 COMMANDED = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -97,8 +97,8 @@ class TrainingResults:
             self._publish_distributions(Path(distribution_file))
 
     def wait(self) -> None:
-        """Reports what is still missing."""
-        if self._needs_policy and self.policy is None:
+        """Reports what is still missing; of a file it is on its way."""
+        if self._needs_policy and self.policy is None and not value(self._node, POLICY_FILE):
             self._health.wait_for(_POLICY)
         if self._waits_for_distribution:
             self._health.wait_for(_DISTRIBUTION)

@@ -49,6 +49,15 @@ def controls_of(model: mujoco.MjModel) -> Controls:
     )
 
 
+def resting_controls(data: mujoco.MjData) -> Array:
+    """Returns u by which servos of positions rest where they are, and 0 of others, shape (n_u,)."""
+    model = data.model
+    are_servos = controls_of(model).are(ControlKind.POSITION)
+    gain = np.where(are_servos, model.actuator_gainprm[:, 0], 1.0)
+    offset, slope = (-model.actuator_biasprm[:, :2] / gain[:, None]).T
+    return np.where(are_servos, slope * data.actuator_length + offset, 0.0)
+
+
 class _Actuator(NamedTuple):
     kind: ControlKind
     unit: str

@@ -247,13 +247,18 @@ def hinge_names(model: mujoco.MjModel) -> list[str]:
 def actuated_joint_names(model: mujoco.MjModel) -> list[str]:
     """Returns the joints that the controls drive, in the order of the controls.
 
-    Where an actuator drives no joint, or two drive one, the actuators' own names stand for them.
+    Of an actuator that drives no joint, or one that another drives too, its own name is there; of
+    all where a joint has such a name.
     """
     on_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-    joints = model.actuator_trnid[:, 0].tolist()
-    if on_joints.all() and len(set(joints)) == model.nu:
-        return [model.joint(i).name for i in joints]
-    return [model.actuator(i).name for i in range(model.nu)]
+    joints = np.where(on_joints, model.actuator_trnid[:, 0], -1).tolist()
+    own = [model.actuator(i).name for i in range(model.nu)]
+    alone = [joint >= 0 and joints.count(joint) == 1 for joint in joints]
+    taken = {model.joint(i).name for i in range(model.njnt)}
+    if any(name in taken for name, is_alone in zip(own, alone, strict=True) if not is_alone):
+        return own
+    names = zip(joints, own, alone, strict=True)
+    return [model.joint(joint).name if is_alone else name for joint, name, is_alone in names]
 
 
 def are_motors(model: mujoco.MjModel) -> NDArray[np.bool_]:

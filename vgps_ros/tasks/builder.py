@@ -20,6 +20,7 @@ from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
 from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
 from vgps_ros.core.signals import CLOCK, Command, Signals
+from vgps_ros.simulation.controls import resting_controls
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import (
@@ -412,8 +413,9 @@ def _add_controls(
         weights[actuators.index(name)] += weight
     if term.pose is not None:
         data = pose_data(read.model, start, term.pose, read.document, (*place, "pose"))
+        held = resting_controls(data)
         for name in chosen:
-            poses[actuators.index(name)] = data.actuator_length[actuators.index(name)]
+            poses[actuators.index(name)] = held[actuators.index(name)]
 
 
 def _parts(values: Any, size: int, key: str, read: _Reader, place: Place) -> list[Any]:

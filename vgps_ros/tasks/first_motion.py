@@ -19,6 +19,7 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.policies.driver import Driver
 from vgps_ros.policies.policy_file import is_policy_file, open_policy
+from vgps_ros.simulation.controls import resting_controls
 from vgps_ros.simulation.model import joint_names, state_names
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
 from vgps_ros.tasks.sampled_motion import FALLEN, Arrival, SampledMotion, Sampler, half_ranges
@@ -306,7 +307,8 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     """Returns the law of controls that hold a pose; it maps states (N, n_x) to (N, n_u).
 
     A motor gets the torque stiffness · (pose − position) − damping · velocity. A servo of positions
-    gets the pose itself, and what pulls at no joint, such as a rotor, what holds up the weight.
+    gets the target by which it rests there, and what pulls at no joint, such as a rotor, what holds
+    up the weight.
     """
     model: mujoco.MjModel = task.dynamics.model
     place = ("begin", "pose")
@@ -332,7 +334,7 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
         model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE)
     )
     lift = _lift(data, model.actuator_gainprm[:, 0] * (is_plain & ~of_joint & ~is_servo))
-    held = np.where(is_servo, data.actuator_length, lift)
+    held = np.where(is_servo, resting_controls(data), lift)
     pose, limits = data.qpos[places].copy(), task.dynamics.control_limits
 
     def law(_: int, x: Array) -> Array:

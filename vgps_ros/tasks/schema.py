@@ -121,8 +121,8 @@ class CostTerm(Record, frozen=True, kw_only=True):
         Pose | None,
         about(
             "with control, start, a keyframe, or positions of joints that differ from the start: "
-            "what counts is (u − u*)², where u* is the length of the actuator in this pose, as a "
-            "position servo's control",
+            "what counts is (u − u*)², where u* is the control by which a servo of positions rests "
+            "in this pose, in the unit of its ctrlrange, and 0 of other actuators",
             "start",
         ),
     ] = None

@@ -19,7 +19,7 @@ import numpy as np
 from vgps_ros.core.augmentation import swap_parts
 from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.controls import controls_of, resting_controls
 from vgps_ros.simulation.model import joint_names
 from vgps_ros.tasks.schema import MOST_CONTACTS
 from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, strongest
@@ -644,15 +644,15 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
     there = mujoco.MjData(model)
     there.qpos[:] = robot.goal
     mujoco.mj_forward(model, there)
-    ways = np.abs(there.actuator_length - robot.data.actuator_length)
+    ways = np.abs(resting_controls(there) - resting_controls(robot.data))
     pose = _joint_goals(robot) or "start"
     for i, (kind, high) in enumerate(zip(controls.kinds, controls.limits[1], strict=True)):
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0
-        if is_servo:  # the target from which on its force is greatest [rad]
+        if is_servo:  # the control from which on its force is greatest
             force = controls.servo_forces[i]
             limit = force / controls.stiffness[i] if force < 1e6 else _UNKNOWN_REACH
-            limit = limit if robot.feet else min(limit, 1.0)
+            limit = (limit if robot.feet else min(limit, 1.0)) / abs(controls.scale[i])
             limit = min(max(limit, ways[i]), np.ptp(controls.limits, axis=0)[i] / 2)  # goes there
         weight = f"{strong / limit**2 / _lag_gains(robot)[i]:.2g}"
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
