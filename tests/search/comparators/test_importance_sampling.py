@@ -8,7 +8,7 @@ from scipy.optimize import approx_fprime
 from scipy.stats import norm
 
 from vgps_ros.core.policy_network import Standardization
-from vgps_ros.search import gps
+from vgps_ros.search.comparators import gps
 from vgps_ros.search.comparators.gps import (
     ImportanceSamples,
     estimated_cost,

@@ -12,7 +12,7 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.settings import with_values
-from vgps_ros.search import mdgps
+from vgps_ros.search.comparators import mdgps
 from vgps_ros.search.comparators.bounded_step import LinearPolicy, divergence
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
