@@ -74,7 +74,7 @@ def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp
     def called(task, settings, seed, policy, k):
         return replace(try_policy(task, settings, seed, policy, k), success=1.0 if k == 3 else 0.2)
 
-    monkeypatch.setattr(methods, "tried", called)
+    monkeypatch.setattr(methods, "try_policy", called)
     run = partial(search, "vgps", task, settings, 0, partial(optimize_all, task))
     *_, third, last = run()
     assert_array_equal(last.policy.parameters, third.policy.parameters)

@@ -39,12 +39,11 @@ def test_a_policy_reads_the_state_then_the_commands_then_the_clock(tmp_path):
     )
 
 
-def test_targets_follow_and_controls_count_from_a_pose(tmp_path):
+def test_targets_follow_and_a_motor_counts_from_no_torque_whatever_the_pose(tmp_path):
     task = make_task(write_task(tmp_path)).commanded(np.array([2.0]))
     states, controls = np.tile([0.1, 1.0], (20, 1)), np.full((20, 1), 0.7)
     swing = np.maximum(0.3 * np.sin(2 * np.pi * (0.05 * np.arange(20) + 0.25)), 0.0)
-    gear = task.dynamics.model.actuator_gear[0, 0]
-    expected = (1.0 - 2.5) ** 2 + 0.1 * (0.1 - swing) ** 2 + 0.1 * (0.7 - 0.25 * gear) ** 2
+    expected = (1.0 - 2.5) ** 2 + 0.1 * (0.1 - swing) ** 2 + 0.1 * 0.7**2
     assert_allclose(task.cost(states, controls), expected)
     still = task.commanded(np.zeros(1)).cost(states, controls)
     assert_allclose(still - 0.25, expected - (1.0 - 2.5) ** 2)
