@@ -59,8 +59,8 @@ def test_states_and_progress_are_recorded_and_bad_states_left_out(graph, swimmer
     bad = JointState(name=swimmer.joint_names, position=[math.nan] * 5, velocity=[0.0] * 5)
     states.publish(bad)
     graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "joint_states.position of ")
+    # Joints of another robot on the same topic, as a gripper's, are left out.
     states.publish(JointState(name=["knee"], position=[0.0], velocity=[0.0]))
-    graph.diagnosis("visualizer", DiagnosticStatus.ERROR, "knee")
     progress.publish(LearningProgress(iteration=1, alpha=0.5, ddp_cost=math.inf))
     graph.spin_for(0.5)
     assert visualizer.end(signal.SIGINT) == 0, visualizer.output

@@ -109,7 +109,7 @@ def check(arguments: argparse.Namespace) -> None:
         sys.exit(_MISSING)
 
 
-def write_rerun(arguments: argparse.Namespace) -> None:
+def rerun(arguments: argparse.Namespace) -> None:
     """Writes the bag as a Rerun recording."""
     from rich.console import Console
     from rich.progress import track
@@ -198,7 +198,7 @@ def _say(sentence: str, file: TextIO | None = None) -> None:
     print(printable(sentence), file=file)
 
 
-ACTIONS = (info, check, write_rerun, table, reindex)
+ACTIONS = (info, check, rerun, table, reindex)
 
 
 def add_arguments(parser: Parser) -> None:
@@ -209,7 +209,7 @@ def add_arguments(parser: Parser) -> None:
         command = commands.add_parser(name, help=text, description=text, words=parser.words[1:])
         command.add_argument("bag", type=Path, help="folder of the bag")
         command.set_defaults(action=action)
-        if action in (check, write_rerun, table):
+        if action in (check, rerun, table):
             command.add_namespace("of the robot that is meant, for a bag of several")
         if action is info:
             command.add_argument("--json", action="store_true", help="print JSON instead of tables")
@@ -217,8 +217,8 @@ def add_arguments(parser: Parser) -> None:
             command.add_argument(
                 "--policy", type=Path, help="file that was policy_file of the executor"
             )
-        elif action in (write_rerun, table):
-            ending = ".rrd" if action is write_rerun else ".csv"
+        elif action in (rerun, table):
+            ending = ".rrd" if action is rerun else ".csv"
             command.add_output("--output", f"file to write; default BAG{ending}")
 
 
