@@ -534,6 +534,18 @@ def test_velocities_that_no_driver_sends_are_filtered_differences_and_it_is_said
     assert newest.add(JOINTS, back) is None  # after a reset
 
 
+def test_a_position_that_is_nan_does_not_stay_in_the_filter_of_velocities():
+    newest = NewestMeasurements(needing(JOINTS, joints=("hip",)), 0.05, 0.0, 0.02)
+    for step, position in enumerate([0.0, 0.1, float("nan"), 0.3, 0.4]):
+        message = stamped(step * 10_000_000, hip=position)
+        message.velocity = []
+        messages = newest.add(JOINTS, message)
+        if np.isnan(position):  # it is refused by its name
+            with pytest.raises(InvalidInputError, match=r"position of 'hip' is nan"):
+                state_from_msg(messages[JOINTS], ["hip"])
+    assert messages[JOINTS].velocity[0] == pytest.approx(10.0)
+
+
 def test_velocities_of_zero_and_single_gaps_are_no_missing_velocities():
     robot = needing(JOINTS, joints=("hip", "knee"))
     newest = NewestMeasurements(robot, 0.05, 0.0, 0.02, lambda: pytest.fail("differences"))

@@ -174,7 +174,7 @@ class BagWriter:
         self._is_closing.set()
         self._wait()
         if self.fault:
-            raise self._unfinished_error(self.fault)
+            raise self._unfinished(self.fault)
         writing = FILE_NAME
         try:
             write_metadata(self.path, self._information())
@@ -182,11 +182,9 @@ class BagWriter:
             digests = {file.on_disk.path.name: file.on_disk.sha256 for file in self._files}
             write_digests(self.path, {name: sha.hexdigest() for name, sha in digests.items()})
         except OSError as error:
-            raise self._unfinished_error(
-                f"{writing} cannot be written, {error.strerror}."
-            ) from error
+            raise self._unfinished(f"{writing} cannot be written, {error.strerror}.") from error
 
-    def _unfinished_error(self, reason: str) -> UnfinishedBagError:
+    def _unfinished(self, reason: str) -> UnfinishedBagError:
         return UnfinishedBagError(
             f"The bag '{self.path}' could not be completed: {reason} What is there can be read; "
             f"`ros2 run vgps_ros bag reindex {self.path}` completes it, where there is space."
@@ -432,7 +430,7 @@ def repair(path: Path) -> list[Path]:
         _rebuild(content, information)
     for content in contents:
         if not content.topics:  # the recorder was killed before the first message was on the disk
-            os.replace(content.path, _unfinished_error(content.path))
+            os.replace(content.path, _unfinished_path(content.path))
     write_metadata(path, information)
     write_digests(path, {content.path.name: file_digest(content.path) for content in known})
     return [content.path for content in rebuilt]
@@ -455,11 +453,11 @@ def _rebuild(content: McapFile, information: str) -> None:
     except OSError:
         partial.unlink(missing_ok=True)  # half a file would only fill the disk
         raise
-    os.replace(file, _unfinished_error(file))
+    os.replace(file, _unfinished_path(file))
     os.replace(partial, file)
 
 
-def _unfinished_error(file: Path) -> Path:
+def _unfinished_path(file: Path) -> Path:
     return file.with_name(f"{file.name}.unfinished")
 
 

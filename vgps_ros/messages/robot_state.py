@@ -369,8 +369,8 @@ class JointParts:
     def _with_velocities(self, message: Any, stamp: int) -> Any | None:
         """Returns a message with velocities; None for the first one of some joints."""
         names, here = tuple(message.name), np.array(message.position)
-        if len(here) != len(names):
-            return message  # which is refused
+        if len(here) != len(names) or not np.isfinite(here).all():
+            return message  # which is refused, and tells the filter nothing
         if not self._moving:
             self._tell()
         before, there, velocity = self._moving.get(names, (stamp, here, None))

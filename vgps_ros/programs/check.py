@@ -48,7 +48,8 @@ def run(arguments: argparse.Namespace) -> None:
             bar = progress.add_task("DDP", total=arguments.iterations)
 
             def advance(index: int, _: float) -> None:
-                progress.update(bar, completed=index, total=max(index, arguments.iterations))
+                part = "DDP" if index <= arguments.iterations else "each command alone"
+                progress.update(bar, completed=index, description=part)
 
             task, found = _examine_in_thread(arguments, advance)
     except KeyboardInterrupt:

@@ -210,9 +210,9 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
         return _record(kind, tree, arrays)
     if origin is tuple:
         element = get_args(kind)[0]
-        return tuple(from_tree(element, entry, arrays) for entry in _expected_error(tree, list))
+        return tuple(from_tree(element, entry, arrays) for entry in _check_kind(tree, list))
     if origin is np.ndarray:
-        array = arrays.get(_expected_error(tree, str))
+        array = arrays.get(_check_kind(tree, str))
         if array is None or array.dtype != np.float64:
             raise InvalidInputError(f"{tree} must be the name of an array of 64-bit floats.")
         return array
@@ -220,7 +220,7 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
         return kind(tree)
     if kind is float and type(tree) is int:  # a setting that was given as a whole number
         return tree
-    return _expected_error(tree, kind)
+    return _check_kind(tree, kind)
 
 
 def from_entries(kind: Any, entries: Any, arrays: Mapping[str, Array], **narrower: Any) -> Any:
@@ -240,7 +240,7 @@ def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     choices = get_args(kind) or (kind,)
     if tree is None and NoneType in choices:
         return None
-    entries = dict(_expected_error(tree, dict))
+    entries = dict(_check_kind(tree, dict))
     name = entries.pop(_RECORD, None)
     (chosen,) = [choice for choice in choices if choice.__name__ == name] or (None,)
     if chosen is None or set(entries) != {f.name for f in fields(chosen)}:
@@ -249,7 +249,7 @@ def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     return from_entries(chosen, entries, arrays)
 
 
-def _expected_error(tree: Any, kind: type) -> Any:
+def _check_kind(tree: Any, kind: type) -> Any:
     if type(tree) is not kind:
         raise InvalidInputError(f"{tree!r:.40} stands where a {kind.__name__} must be.")
     return tree

@@ -38,7 +38,7 @@ def task_file_of(reference: str) -> Path | None:
     """
     if reference in BUILT_IN:
         return _FOLDER / reference / "task.yaml"
-    if _function_of(reference) or _installed_folder(reference):
+    if _function_of(reference) or _installed_task(reference):
         return None
     path = Path(reference).expanduser()
     if path.suffix in (".yaml", ".yml") or (path / "task.yaml").is_file():
@@ -63,7 +63,7 @@ def task_function_of(reference: str) -> Callable[[], Any] | None:
         return found.task
     if function := _function_of(reference):
         return _load_function(*function)
-    point = _installed_folder(reference)
+    point = _installed_task(reference)
     return point.load() if point else None
 
 
@@ -77,7 +77,7 @@ def _function_of(reference: str) -> tuple[Path, str] | None:
     return (Path(path).expanduser(), name) if path.endswith(".py") else None
 
 
-def _installed_folder(name: str) -> EntryPoint | None:
+def _installed_task(name: str) -> EntryPoint | None:
     found = entry_points(group="vgps_ros.tasks", name=name)
     return next(iter(found), None)
 

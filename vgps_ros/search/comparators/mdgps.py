@@ -163,7 +163,7 @@ def _explore(
     )
     rng, count = generator(work.seed, Stream.GUIDING_ROLLOUTS, i), work.settings.policy_rollouts
     controls = motion.controls[:, None] + std * rng.standard_normal((steps, count, n_u))
-    rollouts = _drawn(work, _plan(here), count, partial(_open_loop, controls), rng)
+    rollouts = _drawn(work, _whole_horizon(here), count, partial(_open_loop, controls), rng)
     model = _linear_model(work, here, (rollouts,), (0, i, 0))
     sigma = state_covariances(model.linear, law.gains, law.covariances, model.spread)
     step = BoundedStep(law, np.zeros(sigma.shape[:2]), sigma, 0.0, 0.0)
@@ -224,7 +224,7 @@ def _roll_out(
 
     With a model there is one, without noise, along which the dynamics are differentiated.
     """
-    settings, task, space = work.settings, _plan(here), here.dynamics.space
+    settings, task, space = work.settings, _whole_horizon(here), here.dynamics.space
     rng, count = generator(work.seed, Stream.POLICY_ROLLOUTS, *place), settings.policy_rollouts
     factor = 1.0
     if settings.mirror.dynamics == "model":
@@ -257,7 +257,7 @@ def _drawn(
     return rollouts.sound()
 
 
-def _plan(here: Task) -> Task:
+def _whole_horizon(here: Task) -> Task:
     return replace(here, horizon=here.planned_horizon, lookahead=0)
 
 
