@@ -394,3 +394,8 @@ def test_a_motion_that_still_improves_when_time_is_up_is_told_so():
     found = examine_task(make_task("swimmer"), 3, 0, lambda *_: time.sleep(5.0), seconds=5.0)
     assert len(found.costs) == 2
     assert any("DDP stopped after 5 s" in note for note in found.notes)
+
+
+def test_an_axis_that_turns_in_a_plane_is_moved_though_not_across_it(folder, capsys):
+    axis = "sensors:\n  axis: {type: framezaxis, body: arm}\ncost:\n  - {sensor: axis}"
+    assert "No control moves" not in check(folder, capsys, ("cost:", axis))

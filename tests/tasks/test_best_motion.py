@@ -55,8 +55,8 @@ def test_one_that_falls_is_worse_than_any_that_does_not(tmp_path):
     file = tmp_path / "task.yaml"
     file.write_text(file.read_text() + "fallen: [{sensor: hinge/position, beyond: 0.5}]\n")
     careful = make_task(str(file))
-    assert not careful.fallen(careful.begin.chosen[1].states).any()
-    assert careful.fallen(task.begin.chosen[1].states).any()
+    assert not careful.fallen(careful.begin.choose()[1].states).any()
+    assert careful.fallen(task.begin.choose()[1].states).any()
 
 
 @pytest.mark.parametrize("kind", [Made, AlongPath, Drawn, Arrival, SampledMotion])
@@ -83,3 +83,20 @@ def test_a_check_does_not_ask_for_another_motion_than_the_best(tmp_path, capsys)
     task = hanging(tmp_path, "{law: best}")
     main(["check", task.name, "--iterations", "1"])
     assert "hardly lowers" not in capsys.readouterr().out
+
+
+def test_a_choice_that_is_cancelled_is_the_best_so_far_and_made_anew_the_next_time(tmp_path):
+    begin = hanging(tmp_path, "{law: best, iterations: 2}").begin
+    asked = iter([False] * 60 + [True] * 10_000)
+    law, motion = begin.choose(lambda: next(asked))
+    assert law in begin.candidates
+    assert np.isfinite(motion.states).all()
+    assert next(asked)  # it was cancelled
+    whole = begin.choose()
+    assert begin.choose() is whole
+
+
+def test_a_check_says_that_no_time_was_left_for_all_first_motions(tmp_path, capsys):
+    task = hanging(tmp_path, "{law: best}")
+    main(["check", task.name, "--seconds", "0"])
+    assert "ended after 0 s" in " ".join(capsys.readouterr().out.split())

@@ -110,6 +110,16 @@ HAND = f"""<mujoco><compiler autolimits="true"/><worldbody>
   {"".join(f'<motor joint="f{x}_{i}" ctrlrange="-9 9"/>' for x in range(3) for i in (1, 2))}
   </actuator></mujoco>"""
 
+CUBE = '<body name="cube" pos=".4 .3 1"><freejoint/><geom type="box" size=".04 .04 .04"/></body>'
+BOLTED = "".join(
+    f'<joint name="b{a}" type="slide" axis="{v}" damping="1e11"/>'
+    for a, v in (("x", "1 0 0"), ("y", "0 1 0"), ("z", "0 0 1"))
+)
+MOUSE = '<body name="mouse" mocap="true" pos=".5 0 2"><geom size=".02" contype="0"/></body>'
+HELD = ARM.replace("</worldbody>", f"{MOUSE}</worldbody>").replace(
+    "</mujoco>", '<equality><weld body1="mouse" body2="lower"/></equality></mujoco>'
+)
+
 
 @pytest.fixture
 def written(tmp_path, monkeypatch):
@@ -158,6 +168,9 @@ def written(tmp_path, monkeypatch):
         (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30" forcerange="-.5 .5"'), "underactuated", []),
         (ARM, "An arm", ["shoulder/position, target: 0.5"]),
+        (ARM.replace("</worldbody>", CUBE + "</worldbody>"), "An arm", ["shoulder/position"]),
+        (ARM.replace("<joint", BOLTED + "<joint", 1), "An arm", ["shoulder/position"]),
+        (HELD, "An arm", ["remove_bodies: [mouse]"]),
         (FOUR_BARS, "An arm", ["crank/position, target: 0.5"]),
         (CART, "No feet were found", ["index: x, target: 1", "solref: [0.032, 1]"]),
         (HAND, "A hand, 3 fingers", ["f2_1/position, target: 0.5"]),

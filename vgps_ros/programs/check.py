@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 ITERATIONS = Setting("iterations", 40, "most iterations of DDP", minimum=1, maximum=10_000)
 
-SECONDS = Setting("seconds", 30.0, "time after which DDP makes no more iterations [s]", minimum=0.0)
+SECONDS = Setting(
+    "seconds", 30.0, "time after which DDP, and the choice of a first motion, end [s]", minimum=0.0
+)
 
 
 def add_arguments(parser: Parser) -> None:

@@ -76,11 +76,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.tasks.schema import TaskFile
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
     from vgps_ros.wizard.first_task import first_task_file
-    from vgps_ros.wizard.robot import (
-        has_motors_too_strong,
-        objects_beside_legs,
-        six_axis_base,
-    )
+    from vgps_ros.wizard.robot import foreign_bodies, has_motors_too_strong, six_axis_base
 
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)
@@ -106,8 +102,8 @@ def run(arguments: argparse.Namespace) -> None:
         model = compiled(joints=locks)
     if base := six_axis_base(model):
         model = compiled(free_bodies=[base])
-    if beside := objects_beside_legs(model):
-        model = compiled(remove_bodies=beside)
+    if foreign := foreign_bodies(model):
+        model = compiled(remove_bodies=foreign)
     former = model
     if model.nu and (arguments.servos or has_motors_too_strong(model)):
         model = compiled(remove_actuators=["*"])

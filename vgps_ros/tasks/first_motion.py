@@ -2,8 +2,8 @@
 """The motion from which a task's first solve starts: drawn, held by a law, a path, or recorded."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, field, replace
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, ClassVar
@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import known, matching
-from vgps_ros.core.ddp.solve import solve
+from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
@@ -206,48 +206,75 @@ class Best:
     task: Task
     candidates: tuple[FirstMotion, ...]
     iterations: int
+    _choice: list[tuple[FirstMotion, Trajectory]] = field(default_factory=list, init=False)
     goes_on: ClassVar[bool] = False
 
-    @cached_property
-    def chosen(self) -> tuple[FirstMotion, Trajectory]:
-        """The one that is best, and its motion from the task's start."""
+    def choose(
+        self, is_cancelled: Callable[[], bool] = lambda: False
+    ) -> tuple[FirstMotion, Trajectory]:
+        """Returns the one that is best, and its motion from the task's start.
+
+        After cancellation it is the best one so far, and the next call compares them anew.
+        """
+        if self._choice:
+            return self._choice[0]
+        choice = self._compare(is_cancelled)
+        if not is_cancelled():
+            self._choice.append(choice)
+        return choice
+
+    def _compare(self, is_cancelled: Callable[[], bool]) -> tuple[FirstMotion, Trajectory]:
         task, iterations = self.task, self.iterations
         rounds = len(self.candidates).bit_length()
         report = progress_lines(f"Tries first motions of {task.name}")
         left = list[tuple[float, int, Nominal]]()
         for i, candidate in enumerate(self.candidates):
+            if left and is_cancelled():
+                break
             rng = np.random.default_rng(0)
-            first = candidate(task, task.initial_state, task.planned_horizon, rng)
+            first = candidate(task, task.initial_state, task.planned_horizon, rng, is_cancelled)
             left.append((np.inf, i, first))
             report(0.5 * (i + 1) / len(self.candidates))
         for count in range(rounds):
             for done, (_, i, motion) in enumerate(left):
-                left[done] = self._solved(motion, iterations, i)
+                left[done] = self._solved(motion, iterations, i, is_cancelled)
                 report(0.5 + 0.5 * (count + (done + 1) / len(left)) / rounds)
             left.sort(key=itemgetter(0, 1))
             left = left[: max(1, len(left) // 2)]
             iterations *= 2
         return self.candidates[left[0][1]], left[0][2].trajectory
 
-    def _solved(self, motion: Nominal, iterations: int, i: int) -> tuple[float, int, Nominal]:
+    def _solved(
+        self, motion: Nominal, iterations: int, i: int, is_cancelled: Callable[[], bool]
+    ) -> tuple[float, int, Nominal]:
         task = self.task
         try:
             solution = solve(
                 *(task.dynamics, task.cost, motion.trajectory, task.optimizer.ddp, iterations),
                 gaps=motion.gaps,
+                is_cancelled=is_cancelled,
             )
         except DivergenceError:
+            return np.inf, i, motion
+        if motion.gaps is not None and solution.status is Status.CANCELLED:  # a guess still
             return np.inf, i, motion
         fallen = task.fallen(solution.trajectory.states).sum()
         return solution.cost + FALLEN * fallen, i, Nominal(solution.trajectory)
 
-    def __call__(self, task: Task, start: Array, steps: int, *rest: Any) -> Nominal:
+    def __call__(
+        self,
+        task: Task,
+        start: Array,
+        steps: int,
+        rng: np.random.Generator,
+        is_cancelled: Callable[[], bool] = lambda: False,
+    ) -> Nominal:
         """Returns the motion, whose simulator steps do not count as learning."""
-        law, motion = self.chosen
+        law, motion = self.choose(is_cancelled)
         if steps == motion.horizon and np.array_equal(start, motion.states[0]):
             return Nominal(motion)
         if law.goes_on:
-            return law(task, start, steps, *rest)
+            return law(task, start, steps, rng, is_cancelled)
         states = np.concatenate([start[None], motion.states[1 : steps + 1]])
         return Nominal.guessed(Trajectory(states, motion.controls[:steps]), task.dynamics)
 

@@ -250,12 +250,14 @@ def _text(document: Document) -> str:
     """Returns the file's text."""
     path = document.path
     try:
-        if not path.is_file():
-            raise InvalidInputError(f"There is no file {quote(str(path))}; name a YAML file.")
-        with path.open("rb") as file:
-            data = file.read(LARGEST_FILE + 1)
+        data = b""
+        if is_there := path.is_file():
+            with path.open("rb") as file:
+                data = file.read(LARGEST_FILE + 1)
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"The file {show_path(path)} cannot be read: {error}.") from error
+    if not is_there:
+        raise InvalidInputError(f"There is no file {quote(str(path))}; name a YAML file.")
     if len(data) > LARGEST_FILE:
         raise document.error((), f"the file is larger than {LARGEST_FILE} bytes; make it shorter.")
     try:

@@ -25,6 +25,7 @@ from vgps_ros.tasks.schema import MOST_CONTACTS
 from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, strongest
 from vgps_ros.wizard.robot import (
     BALL,
+    FREE,
     HINGE,
     SLIDE,
     Robot,
@@ -129,7 +130,7 @@ def _template_values(robot: Robot, actuators: int) -> dict[str, Any]:
     }
     return {
         robot.kind: True,
-        "robot": f"({robot.mass:.3g} kg, a {base} base, {actuators} actuators)",
+        "robot": f"({robot.mass:.3g} kg, a {base} base, {actuators} actuator{'s' * (actuators != 1)})",
         "weightless": robot.base and not robot.gravity,
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},
@@ -219,7 +220,7 @@ def _model_changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
 def _foot_contacts(robot: Robot) -> list[list[str]]:
     """Returns the pairs of a ground and a foot, if all have names and nothing else moves."""
     model = robot.model
-    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `objects_beside_legs` leaves
+    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `foreign_bodies` leaves
         return []
     feet = np.isin(model.geom_bodyid, model.geom_bodyid[robot.feet])
     feet &= bottoms_of(robot) < ground_of(robot) + 0.1 * robot.leg
@@ -591,11 +592,13 @@ def _upright_axes(robot: Robot) -> dict[str, _Axis]:
 def _pose_terms(robot: Robot) -> list[dict[str, Any]]:
     """Returns the cost of a robot that stays in its place: its goal, and rest there.
 
-    What it shall do to a thing beside it is not known: as a guess, it turns it.
+    What it shall do to a thing beside it is not known. As a guess it turns a hinge, and a hand
+    what it holds.
     """
     model, terms, thing = robot.model, list[dict[str, Any]](), free_object_joint(robot)
     has_target, is_pendulum = _target_sensor(robot) is not None, robot.kind == "pendulum"
-    is_turned = thing is not None and model.jnt_type[thing] != SLIDE and not has_target
+    turns = (HINGE,) if robot.kind != "hand" else (HINGE, FREE, BALL)
+    is_turned = thing is not None and model.jnt_type[thing] in turns and not has_target
     turning, upright = _endless_hinges(robot), _upright_axes(robot)
     for name, axis in upright.items():
         stands = {"sensor": robot.new_sensor(f"{name}_axis"), "target": axis.target}

@@ -19,6 +19,7 @@ from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import cyclic_positions, deviation_names
 
 _DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
+_STILL = 1e-3  # speed of a joint up to which damping holds it [m/s, rad/s]
 _SHAKEN = 37.0  # acceleration of a joint by its motor that no policy can steer, of g/l
 FREE, BALL, SLIDE, HINGE = range(4)  # as in mjtJoint
 
@@ -93,7 +94,7 @@ class Robot:
     def joints(self) -> list[int]:
         """The hinges and slides of its tree that are not its base."""
         kinds, bodies = self.model.jnt_type, self.model.jnt_bodyid
-        own = np.flatnonzero((kinds >= SLIDE) & self.in_tree(bodies))
+        own = np.flatnonzero((kinds >= SLIDE) & self.in_tree(bodies) & ~_held_joints(self.model))
         return [int(j) for j in own if j not in self.base]
 
     @property
@@ -152,8 +153,11 @@ class Robot:
         return found
 
 
-def objects_beside_legs(model: mujoco.MjModel) -> list[str]:
-    """Returns the bodies that move beside a robot with legs, and that are not called a target.
+def foreign_bodies(model: mujoco.MjModel) -> list[str]:
+    """Returns the bodies that are no part of the robot's task.
+
+    Those move beside a robot with legs, and are not called a target; or nothing moves them but a
+    user's mouse (mocap), and they are welded to the robot, which they would hold.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
@@ -161,7 +165,8 @@ def objects_beside_legs(model: mujoco.MjModel) -> list[str]:
     robot = recognise_robot(model)
     trees = {int(i) for i in model.dof_treeid if robot.feet} - {*robot.trees}
     names = [model.body(np.flatnonzero(model.body_treeid == i)[0]).name for i in sorted(trees)]
-    return [name for name in names if "target" not in name]
+    tied = {end for ends in _loops(model) for end in ends if model.body_mocapid[end] >= 0}
+    return [n for n in names if "target" not in n] + [model.body(i).name for i in sorted(tied)]
 
 
 def six_axis_base(model: mujoco.MjModel) -> str | None:
@@ -216,7 +221,8 @@ def recognise_robot(model: mujoco.MjModel) -> Robot:
     tree = int(np.bincount(trees[trees >= 0]).argmax())
     root = int(np.flatnonzero(model.body_treeid == tree)[0])
     first = [int(j) for j in model.body_jntadr[root] + np.arange(model.body_jntnum[root])]
-    base = [j for j in first if model.jnt_dofadr[j] not in driven]
+    held = _held_joints(model)
+    base = [j for j in first if model.jnt_dofadr[j] not in driven and not held[j]]
     free = any(model.jnt_type[j] == FREE for j in base)
     slides = any(model.jnt_type[j] == SLIDE for j in base) and (model.nu or len(first) > 1)
     base = base if free or slides else []
@@ -253,6 +259,14 @@ def recognise_robot(model: mujoco.MjModel) -> Robot:
     _set_forward(robot)
     _set_goal(robot)
     return robot
+
+
+def _held_joints(model: mujoco.MjModel) -> Mask:
+    """Returns which slides and hinges damping holds: the model's whole weight hardly moves them."""
+    weight = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
+    arms = np.where(model.jnt_type == HINGE, model.stat.extent, 1.0)
+    found: Mask = model.dof_damping[model.jnt_dofadr] * _STILL > weight * arms
+    return found & (model.jnt_type >= SLIDE)
 
 
 def _is_moved_by_gravity(robot: Robot, joint: int) -> bool:

@@ -65,8 +65,8 @@ def examine_task(
 ) -> TaskCheck:
     """Looks a task over.
 
-    `on_iteration` is called with the number of each iteration and the cost after it. DDP makes no
-    more iterations after so many seconds.
+    `on_iteration` is called with the number of each iteration and the cost after it. The choice of
+    a first motion, DDP, and the look at each command end after so many seconds each.
 
     Raises:
         InvalidInputError: the task's settings of the policy search are out of range, or do not
@@ -77,8 +77,10 @@ def examine_task(
     found = TaskCheck(troubles=_at_start(task))
     request = first_request(task, seed, iterations)
     told = task.in_context(request.situation.context)
+    began = time.perf_counter()
+    is_late = lambda: time.perf_counter() - began > seconds  # noqa: E731
     try:
-        nominal = nominal_of(told, request)
+        nominal = nominal_of(told, request, is_late)
         first, found.is_guess = nominal.trajectory, nominal.gaps is not None
         found.costs.append(float(task.cost.values(first).sum()))
     except VgpsError as error:
@@ -90,6 +92,11 @@ def examine_task(
             '(changes: {joints: {"*": {damping: 1.0}}}), or choose a shorter time step.'
         )
         return found
+    if is_late():
+        found.notes.append(
+            f"the choice of a first motion (begin) ended after {seconds:g} s, so what follows is of "
+            "the best one so far; raise --seconds."
+        )
     rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
     still = task.dynamics.rollout(task.initial_state, lambda *_: rest, first.horizon)
     found.notes += _nothing_to_do(task, still)
@@ -316,7 +323,10 @@ def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
 
 
 def _find_unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mask:
-    """Returns which readings of the cost no control changes along a motion, by the chain rule."""
+    """Returns which readings of the cost no control changes along a motion, by the chain rule.
+
+    A part of a sensor counts as moved where another one is, as an axis that turns in a plane.
+    """
     states, controls = motion.states[:-1], motion.controls
     _, j_x, j_u = task.cost.features.linearize(states, controls)
     moved = np.abs(j_u).sum(axis=(0, 2))
@@ -324,7 +334,9 @@ def _find_unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mas
     for t in reversed(range(motion.horizon)):
         moved += np.abs(adjoint @ linear.f_u[t]).sum(axis=1)
         adjoint = j_x[t] + adjoint @ linear.f_x[t]
-    return np.asarray(moved < _UNMOVED)
+    sensors = [name.rpartition("/")[0] or name for name in task.cost_names]
+    is_moved = {sensor for sensor, by in zip(sensors, moved, strict=True) if by >= _UNMOVED}
+    return np.array([sensor not in is_moved for sensor in sensors])
 
 
 def _name_untouched(task: Task, motion: Trajectory, is_known: Mask) -> list[str]:
