@@ -17,7 +17,7 @@ def short(monkeypatch):
 def test_nobody_is_told_of_a_moment(capsys):
     slow_steps.progress_lines("Samples")(0.5)
     time.sleep(0.2)
-    assert capsys.readouterr().out == ""
+    assert capsys.readouterr().err == ""
 
 
 def test_the_time_left_is_told_by_the_share_that_is_done(capsys, monkeypatch):
@@ -27,7 +27,7 @@ def test_the_time_left_is_told_by_the_share_that_is_done(capsys, monkeypatch):
     report = slow_steps.progress_lines("Samples")
     for share in (0.1, 0.01, 0.25, 0.4, 0.5, 1.0):
         report(share)
-    assert capsys.readouterr().out.splitlines() == [
+    assert capsys.readouterr().err.splitlines() == [
         "Samples: 25 %, about 30 s left.",
         "Samples: 50 %, about 20 s left.",
     ]
@@ -38,6 +38,6 @@ def test_progress_that_takes_long_is_told_once_in_a_while(capsys):
     time.sleep(0.1)
     for share in (0.25, 0.5, 1.0):
         report(share)
-    assert capsys.readouterr().out.startswith("Samples: 25 %, about ")
+    assert capsys.readouterr().err.startswith("Samples: 25 %, about ")
     report(1.0)
-    assert capsys.readouterr().out == ""
+    assert capsys.readouterr().err == ""

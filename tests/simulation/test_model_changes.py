@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 
 from vgps_ros.core.checks import matching
 from vgps_ros.core.controls import ControlKind
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import scalar_names
-from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec
+from vgps_ros.simulation.model_changes import changed_spec
 from vgps_ros.simulation.sensor_types import SENSOR_TYPES
 
 TURTLE = """
@@ -308,7 +308,7 @@ def test_what_mujoco_measures_at_sites_can_be_measured_at_a_bodys_frame(compiled
     ],
 )
 def test_a_change_that_does_not_suit_the_model_is_named(turtle, changes, sensors, sentence):
-    with pytest.raises(InvalidChangeError, match=sentence):
+    with pytest.raises(InvalidEntryError, match=sentence):
         changed_spec(turtle, changes, sensors)
 
 
@@ -316,7 +316,7 @@ def test_a_model_that_is_no_mjcf_is_named(tmp_path):
     for i, data in enumerate((b"", b"<mujoco><worldbody>", b"\xff\x00", b"<mujoco><a/></mujoco>")):
         path = tmp_path / f"{i}.xml"
         path.write_bytes(data)
-        with pytest.raises(InvalidChangeError, match="model: the model is no valid MJCF"):
+        with pytest.raises(InvalidEntryError, match="model: the model is no valid MJCF"):
             changed_spec(path, {}, {})
 
 

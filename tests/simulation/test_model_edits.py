@@ -5,7 +5,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
+from vgps_ros.core.errors import InvalidEntryError
+from vgps_ros.simulation.model_changes import changed_spec, self_contained
 
 ARM = """
 <mujoco><compiler angle="degree"/>
@@ -114,7 +115,7 @@ def test_a_free_joint_in_place_of_six_moves_the_body_as_they_did(tmp_path):
 
 
 def test_only_a_body_in_the_world_can_be_freed(arm):
-    with pytest.raises(InvalidChangeError, match="'upper' is carried by 'base'"):
+    with pytest.raises(InvalidEntryError, match="'upper' is carried by 'base'"):
         changed(arm, free_bodies=["upper"])
 
 
@@ -138,7 +139,7 @@ def test_a_mass_is_set_and_inertia_grows_alike(arm):
 
 def test_what_only_shows_is_dropped_and_weighs_as_before(arm):
     arm.write_text(ARM.replace("MESH", SHOWN))
-    with pytest.raises(InvalidChangeError, match=r"lost\.obj.*drop: \[visual\]"):
+    with pytest.raises(InvalidEntryError, match=r"lost\.obj.*drop: \[visual\]"):
         changed_spec(arm, {}, {})
     model = changed(arm)
     assert {model.geom(i).name for i in range(model.ngeom)} == {"base_geom", "upper", "lower"}

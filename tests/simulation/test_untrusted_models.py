@@ -6,10 +6,10 @@ from math import cos, sin
 
 import pytest
 
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.simulation import model as gate
 from vgps_ros.simulation.model import compile_model
-from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec
+from vgps_ros.simulation.model_changes import changed_spec
 
 
 def robot(top="", world="", end=""):
@@ -78,7 +78,7 @@ def test_a_text_or_a_file_that_asks_for_too_much_is_refused_before_it_compiles(
     (tmp_path / "part.xml").write_text(text)
     (tmp_path / "whole.xml").write_text('<mujoco><include file="part.xml"/></mujoco>')
     for name in ("part.xml", "whole.xml"):
-        with pytest.raises(InvalidChangeError, match=sentence):
+        with pytest.raises(InvalidEntryError, match=sentence):
             changed_spec(tmp_path / name, {}, {})
 
 
@@ -97,7 +97,7 @@ def test_a_model_names_plain_files_alone(reference, tmp_path):
     os.mkfifo(pipe := tmp_path / "pipes" / "pipe")
     path = tmp_path / "robot.xml"
     path.write_text(robot(reference.format(pipe)))
-    with pytest.raises(InvalidChangeError, match="which the MJCF names, is no plain file"):
+    with pytest.raises(InvalidEntryError, match="which the MJCF names, is no plain file"):
         changed_spec(path, {}, {})
 
 

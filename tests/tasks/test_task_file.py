@@ -94,7 +94,7 @@ def test_a_section_without_a_value_counts_as_left_out(folder):
 
 
 def test_the_model_has_what_the_file_says(folder):
-    model = model_spec(*read_task_file(folder)).compile()
+    model = model_spec(read_task_file(folder)[0], folder).compile()
     assert model.opt.timestep == 0.005
     assert [model.sensor(i).name for i in range(model.nsensor)] == [
         *("com", "velocity", "height", "up")
@@ -293,7 +293,7 @@ def test_a_model_of_a_package_is_found_without_importing_it(folder, tmp_path, mo
         ("hopper_description/mjcf/hopper.xml", shared / "mjcf" / "hopper.xml"),
     ):
         (folder / "task.yaml").write_text(TASK.replace("hopper.xml", f"package://{name}"))
-        assert find_model(*read_task_file(folder)) == expected
+        assert find_model(read_task_file(folder)[0].model, folder) == expected
 
 
 def test_the_json_schema_is_the_one_that_the_script_writes():

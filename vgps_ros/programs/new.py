@@ -12,20 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.checks import quote
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.tasks.task_file import Document, Place, shorten
 
 if TYPE_CHECKING:
     import mujoco
-
-
-class _Flag(Document):
-    """The file that is to be written, whose model the command line names, in no line of a file."""
-
-    def error(self, place: Place, sentence: str) -> InvalidInputError:
-        """Returns an error that begins with the flag."""
-        return InvalidInputError(shorten(f"--model: {sentence}"))
 
 
 def add_arguments(parser: Parser) -> None:
@@ -73,16 +64,17 @@ def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
     from vgps_ros.simulation.model import compile_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
-    from vgps_ros.tasks.schema import TaskFile
-    from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model
+    from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, shorten
     from vgps_ros.wizard.first_task import first_task_file
     from vgps_ros.wizard.robot import foreign_bodies, has_motors_too_strong, six_axis_base
 
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)
     reference = arguments.model
-    file = TaskFile(model=reference, control_period=1.0, horizon=1.0, cost=())
-    found = find_model(file, _Flag(Path.cwd() / "task.yaml", {}, {}))
+    try:
+        found = find_model(reference, Path.cwd())
+    except InvalidEntryError as error:
+        raise InvalidInputError(shorten(f"--model: {error.sentence}")) from error
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
     changes = dict[str, Any]()

@@ -29,6 +29,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.signals import Signals
+from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.policies.driver import Driver
 from vgps_ros.search.evaluation import perturbed_starts
 from vgps_ros.search.settings import search_settings
@@ -283,6 +284,7 @@ def judge_controller(
     scale = driver.policy.noise_std if stochastic else np.zeros_like(driver.policy.noise_std)
     phases, times = first_phases(total), judged_times(seconds)
     size, parts = max(1, _AT_ONCE // steps), []
+    report = progress_lines(f"Tries commands on {task.name}")
     for first in range(0, total, size):
         own = range(first, min(first + size, total))
         commands = [
@@ -294,6 +296,7 @@ def judge_controller(
         noise = drawn_noise(scale, (len(own), steps), rng)
         given = Trial(starts[own], np.array(commands), noise, phases=phases[own])
         parts.append(behaviour(task, driver, given, times))
+        report(own.stop / total)
     found = Behaviour.joined(parts)
     each = [found.of(slice(i * rollouts, (i + 1) * rollouts)) for i in range(len(grid) + 1)]
     achieved = Achieved.of(task)

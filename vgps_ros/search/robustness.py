@@ -17,6 +17,7 @@ from vgps_ros.core.cores import count_cores
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import (
     PUSHES,
@@ -161,9 +162,15 @@ def robustness(
         return figures(task, _try_disturbance(task, driver, kind, value, trial, seed, settings))
 
     found: dict[str, dict[str, Any]] = {}
+    report = progress_lines(f"Tries disturbances on {task.name}")
+    count, done = sum(map(len, values.values())), 0
     for kind, given in values.items():
         ordered, calm = sorted(given), float(kind in _FACTORS)
-        each = [tried("", 0.0) if v == calm else tried(kind, v) for v in ordered]
+        each = []
+        for value in ordered:
+            each.append(tried("", 0.0) if value == calm else tried(kind, value))
+            done += 1
+            report(done / count)
         found[kind] = {"values": ordered}
         judged = {"survival": "borne"}
         if task.signals.commands:

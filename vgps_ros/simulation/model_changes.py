@@ -11,8 +11,7 @@ what it drives.
 """
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Any
@@ -21,34 +20,9 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import known, matching, one_of, quote, told
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry
 from vgps_ros.simulation.model import MUJOCO_ERRORS, check_text
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
-
-Place = tuple[str | int, ...]
-
-
-class InvalidChangeError(InvalidInputError):
-    """A change does not suit the model.
-
-    Args:
-        place: keys that lead to the change, such as ("changes", "joints", "hip").
-        sentence: what is wrong, and what would be right.
-    """
-
-    def __init__(self, place: Place, sentence: str):
-        super().__init__(f"{'.'.join(map(str, place))}: {sentence}")
-        self.place, self.sentence = place, sentence
-
-
-@contextmanager
-def change_at(*place: str | int) -> Iterator[None]:
-    """Gives the errors of a block the place of a change."""
-    try:
-        yield
-    except InvalidInputError as error:
-        raise InvalidChangeError(place, str(error)) from error
-
 
 Values = Mapping[str, Any]
 
@@ -71,21 +45,21 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         sensors: sensors to add, by name.
 
     Raises:
-        InvalidChangeError: the model does not compile, or a change does not suit it.
+        InvalidEntryError: the model does not compile, or a change does not suit it.
     """
     try:
         check_text(path.read_bytes(), path.parent)
         spec = mujoco.MjSpec.from_file(str(path))
     except (*MUJOCO_ERRORS, OSError) as error:
         sentence = f"the model is no valid MJCF: {told(error)}."
-        raise InvalidChangeError(("model",), sentence) from error
+        raise InvalidEntryError(("model",), sentence) from error
     name_all(spec)
     positions = sum(_POSITIONS.get(joint.type, 1) for joint in spec.joints)
     short = {key.name: len(key.qpos) for key in spec.keys if 0 < len(key.qpos) < positions}
     _drop(spec, changes.get("drop", ()))
     if changes.get("floor"):
         if spec.geom("floor") is not None:
-            raise InvalidChangeError(
+            raise InvalidEntryError(
                 ("changes", "floor"), "the model has a geom of this name already; leave floor out."
             )
         plane = mujoco.mjtGeom.mjGEOM_PLANE  # as large as it has to be, and drawn in grey
@@ -128,7 +102,7 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     for name, sensor in sensors.items():
         _check_directions(model, name, sensor)
     for name, size in short.items():  # which MuJoCo has filled
-        raise InvalidChangeError(
+        raise InvalidEntryError(
             ("model",),
             f"the keyframe {quote(name)} has {size} positions (qpos), but the model has "
             f"{positions}; give it all of them.",
@@ -195,7 +169,7 @@ def _to_free(spec: mujoco.MjSpec, patterns: Sequence[str]) -> list[Any]:
         found |= {body.name: body for body in bodies}
     for body in found.values():
         if body.parent.name != "world":
-            raise InvalidChangeError(
+            raise InvalidEntryError(
                 ("changes", "free_bodies"),
                 f"{quote(body.name)} is carried by {quote(body.parent.name)}, and MuJoCo has "
                 "free joints of bodies in the world alone; name one of those.",
@@ -291,7 +265,7 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
         if "opening file" in sentence or "resource" in sentence:
             sentence += "; `changes: {drop: [visual]}` leaves out what only shows, `drop: [meshes]`"
             sentence += " all meshes and what they are the shape of"
-        raise InvalidChangeError(("model",), f"{sentence}.") from error
+        raise InvalidEntryError(("model",), f"{sentence}.") from error
 
 
 def _lock(model: mujoco.MjModel, body: Any, joint: Any, at: float, kept: Sequence[Any]) -> None:
@@ -321,7 +295,7 @@ def _weigh(spec: mujoco.MjSpec, body: Any, mass: float, place: Place) -> None:
     """Sets the mass of a body [kg]; its inertia grows alike."""
     own = float(_compile(spec).body(body.name).mass[0])
     if not own:
-        raise InvalidChangeError(
+        raise InvalidEntryError(
             place,
             f"{quote(body.name)} weighs nothing, so that no share of "
             "its inertia could grow; give it an inertial in the model.",
@@ -348,7 +322,7 @@ def _natural_name(element: Any) -> str:
 def _matching(elements: Sequence[Any], what: str, pattern: str, *place: str | int) -> list[Any]:
     """Returns the elements whose names a pattern matches; `place` is that of the pattern."""
     by_name = {element.name: element for element in elements}
-    with change_at("changes", *place):
+    with at_entry("changes", *place):
         return [by_name[name] for name in matching(what, pattern, list(by_name))]
 
 
@@ -358,7 +332,7 @@ def _set_option(option: Any, values: Values) -> None:
             bits, prefix = mujoco.mjtDisableBit, "mjDSBL_"
             known = [bit.removeprefix(prefix).lower() for bit in bits.__members__ if prefix in bit]
             for i, word in enumerate(value):
-                with change_at("changes", "option", name, i):
+                with at_entry("changes", "option", name, i):
                     bit = getattr(bits, prefix + one_of("flag", word, known).upper())
                 option.disableflags |= int(bit)
         elif name in _WORDS:
@@ -384,7 +358,7 @@ def _change(spec: mujoco.MjSpec, element: Any, values: Values, place: Place) -> 
         elif np.size(value) <= len(field):
             field[: np.size(value)] = field_value
         else:
-            raise InvalidChangeError(
+            raise InvalidEntryError(
                 (*place, name),
                 f"it has {np.size(value)} values, but at most {len(field)} are taken.",
             )
@@ -415,7 +389,7 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
     patterns = [motor["joint"]] if isinstance(motor["joint"], str) else motor["joint"]
     stiffness = motor.get("stiffness")
     if stiffness is None and "damping" in motor:
-        raise InvalidChangeError(
+        raise InvalidEntryError(
             (*place, "damping"), "a motor has none; name the stiffness of a servo, too."
         )
     joints = [
@@ -425,14 +399,14 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
         if joint.type in _SCALAR_JOINTS
     ]
     if not joints:
-        raise InvalidChangeError(
+        raise InvalidEntryError(
             (*place, "joint"),
             f"{quote(patterns[0])} is neither a hinge nor a slide, but a motor drives only those.",
         )
     for joint in joints:
         name = key if [joint.name] == patterns else joint.name
         if name in {actuator.name for actuator in spec.actuators}:
-            raise InvalidChangeError(
+            raise InvalidEntryError(
                 place,
                 f"the model has an actuator {quote(name)}; remove it by remove_actuators first.",
             )
@@ -473,7 +447,7 @@ def _add_sensor(spec: mujoco.MjSpec, name: str, sensor: Values) -> None:
     """Adds a sensor of one object, which may be relative to another one."""
     place = ("sensors", name)
     if name in {other.name for other in spec.sensors}:
-        raise InvalidChangeError(
+        raise InvalidEntryError(
             place, "the model has a sensor of this name; use that one, or choose another name."
         )
     kind = SENSOR_TYPES[sensor["type"]]
@@ -502,7 +476,7 @@ def _check_directions(model: mujoco.MjModel, name: str, sensor: Values) -> None:
     for key, frame in frames.items():
         body = frame.get("body")
         if body and abs(model.body(body).iquat[0]) < 1 - 1e-9:
-            raise InvalidChangeError(
+            raise InvalidEntryError(
                 ("sensors", name, key),
                 f"`body: {body}` means its principal axes of inertia, which are turned from its "
                 f"own frame; write `xbody: {body}` for the directions of that frame.",
@@ -514,7 +488,7 @@ def _object(spec: mujoco.MjSpec, record: Values, place: Place) -> tuple[mujoco.m
     kind = next(kind for kind in OBJECTS if kind in record)
     several = {"body": "bodies", "xbody": "bodies"}.get(kind, f"{kind}s")
     names = [element.name for element in getattr(spec, several) if element.name]
-    with change_at(*place, kind):
+    with at_entry(*place, kind):
         return getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), known(kind, record[kind], names)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from vgps_ros.core.augmentation import Augmentation, Mirror, swap_parts
 from vgps_ros.core.checks import known, matching, quote
 from vgps_ros.core.cost import FeatureCost, Following
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import InvalidInputError, Place, at_entry, refuse_if
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
 from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
@@ -30,7 +30,7 @@ from vgps_ros.simulation.model import (
     scalar_names,
     sensor_numbers,
 )
-from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
+from vgps_ros.simulation.model_changes import changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.first_motion import Drawn, keyframe, pose_data, with_beginning
 from vgps_ros.tasks.motion_table import read_columns
@@ -50,7 +50,7 @@ from vgps_ros.tasks.schema import (
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_file import (
     Document,
-    Place,
+    file_inside,
     find_model,
     is_multiple,
     read_task_file,
@@ -65,22 +65,29 @@ def load_task(path: Path, name: str) -> Task:
         InvalidInputError: an entry is wrong; the message has its line.
     """
     file, document = read_task_file(path)
-    mjcf = model_text(file, document)
+    with document.name_lines():
+        return _build(file, document, name)
+
+
+def _build(file: TaskFile, document: Document, name: str) -> Task:
+    folder = document.folder
+    mjcf = model_text(file, folder)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
     model = compile_model(mjcf, is_own=True)
-    with document.at(("model",)):
+    with at_entry("model"):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
     signals, std = _signals(file), file.start.std
-    document.refuse(
+    refuse_if(
         signals.stops and state_layout(model).base is None,
-        ("clock", "stops"),
         "only a robot on a free base feels when it has to step again; leave it out.",
+        *("clock", "stops"),
     )
     steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
     context = signals.held(signals.nominal, sum(steps))
-    read = _Reader(dynamics, signals, context, document)
-    start = start_state(file.start, model, document)
-    cost, observation = _cost(file, read, start), read.observation(file, start)
+    read = _Reader(dynamics, signals, context)
+    with at_entry("start"):
+        start = start_state(file.start, model)
+    cost, observation = _cost(file, read, start, folder), read.observation(file, start)
     optimizer, search = settings_in(file, document)
     task = Task(
         name=name,
@@ -103,7 +110,8 @@ def load_task(path: Path, name: str) -> Task:
         context=context if signals.names else None,
         augmentation=read.augmentation(file, observation),
     )
-    return with_beginning(task, file.begin, document)
+    with at_entry("begin"):
+        return with_beginning(task, file.begin, folder)
 
 
 def _signals(file: TaskFile) -> Signals:
@@ -121,42 +129,41 @@ def _signals(file: TaskFile) -> Signals:
 class _Reader:
     """Finds what entries of the file name in the model."""
 
-    def __init__(self, dynamics: Dynamics, signals: Signals, context: Array, document: Document):
-        self.dynamics, self.signals, self.document = dynamics, signals, document
-        self.context = context
+    def __init__(self, dynamics: Dynamics, signals: Signals, context: Array):
+        self.dynamics, self.signals, self.context = dynamics, signals, context
         self.model: mujoco.MjModel = dynamics.model
         self.joints = joint_names(self.model)
 
-    def readings(self, names: Sequence[str], place: Place) -> Readings:
-        """Returns the readings of these names; an error has the line of the place."""
-        with self.document.at(place):
-            return Readings(self.dynamics.simulations, names)
+    def readings(self, names: Sequence[str]) -> Readings:
+        """Returns the readings of these names."""
+        return Readings(self.dynamics.simulations, names)
 
-    def names(self, sensor: str, index: Any, place: Place) -> list[str]:
+    def names(self, sensor: str, index: Any) -> list[str]:
         """Returns the full names of the numbers that a sensor and an index pick."""
         numbers = sensor_numbers(self.model)
         prefix = f"{sensor}/"
         parts = [name.removeprefix(prefix) for name in numbers if name.startswith(prefix)]
         if sensor in numbers or not parts:  # a scalar by its full name, or an unknown one
-            self.readings([sensor], place)
+            self.readings([sensor])
             parts = []
-        with self.document.at((*place, "index")):
+        with at_entry("index"):
             return scalar_names(sensor, tuple(parts), index)
 
     def conditions(self, limits: Sequence[Limit], key: str) -> Conditions:
         """Returns the limits that the entry `key` lists, one number each."""
         names, low, high = [], [], []
         for i, limit in enumerate(limits):
-            found = self.names(limit.sensor, limit.index, (key, i))
-            if len(found) != 1:
-                raise self.document.error(
-                    (key, i), f"it has the parts {', '.join(found)}; pick one by its index."
+            with at_entry(key, i):
+                found = self.names(limit.sensor, limit.index)
+                refuse_if(
+                    len(found) != 1, f"it has the parts {', '.join(found)}; pick one by its index."
                 )
             names += found
             beyond = np.inf if limit.beyond is None else limit.beyond
             low.append(0.0 - beyond if limit.below is None else limit.below)
             high.append(beyond if limit.above is None else limit.above)
-        return Conditions(self.readings(names, (key,)), np.array(low), np.array(high))
+        with at_entry(key):
+            return Conditions(self.readings(names), np.array(low), np.array(high))
 
     def observation(self, file: TaskFile, start: Array) -> Observation:
         """Returns what the policy reads: of the state, of former steps, of commands and clock."""
@@ -168,33 +175,25 @@ class _Reader:
             for name in self._told(entry)
         ]
         for i, entry in enumerate(entries):
-            place = ("observe", i)
-            if entry in ("commands", "clock", LAST_ACTION):
-                self.document.refuse(
-                    entry in entries[:i], place, f"{entry} is read twice; leave it out."
-                )
-                self.document.refuse(
-                    entry != LAST_ACTION and not self._told(entry),
-                    place,
-                    f"the task has no {entry}; leave it out, or add it.",
-                )
-                continue
-            with self.document.at(place):
-                found = self._observed(entry, place)
-            for name in found:
-                self.document.refuse(
-                    name in names, place, f"{quote(name)} is read twice; leave it out."
-                )
-            names += found
-        self.document.refuse(
-            not names,
-            ("observe",),
-            "the policy reads nothing; name the readings of joints or sensors that it needs.",
-        )
-        readings = self.readings(names, ("observe",))
-        if readings.needs_controls:
-            raise self.document.error(
-                ("observe",),
+            with at_entry("observe", i):
+                if entry in ("commands", "clock", LAST_ACTION):
+                    refuse_if(entry in entries[:i], f"{entry} is read twice; leave it out.")
+                    refuse_if(
+                        entry != LAST_ACTION and not self._told(entry),
+                        f"the task has no {entry}; leave it out, or add it.",
+                    )
+                    continue
+                for name in self._observed(entry):
+                    refuse_if(name in names, f"{quote(name)} is read twice; leave it out.")
+                    names.append(name)
+        with at_entry("observe"):
+            refuse_if(
+                not names,
+                "the policy reads nothing; name the readings of joints or sensors that it needs.",
+            )
+            readings = self.readings(names)
+            refuse_if(
+                readings.needs_controls,
                 "a sensor of forces or accelerations depends on the control that the policy has "
                 "yet to choose; read positions and velocities.",
             )
@@ -214,11 +213,12 @@ class _Reader:
         names, read = list(observation.names), list(observation.readings.names)
         of_readings: dict[str, float] = {}
         for pattern, std in file.sensor_noise.items():
-            with self.document.at(("sensor_noise", pattern)):
+            with at_entry("sensor_noise", pattern):
                 of_readings |= dict.fromkeys(matching("reading", pattern, read), std)
         noise = np.array([of_readings.get(reading_of(name), 0.0) for name in names])
         locked = [name for name, values in file.changes.joints.items() if values.lock is not None]
-        mirror = self._mirror(file.mirror, names, locked) if file.mirror else None
+        with at_entry("mirror"):
+            mirror = self._mirror(file.mirror, names, locked) if file.mirror else None
         return Augmentation(noise, mirror)
 
     def _mirror(self, entry: MirrorEntry, names: list[str], locked: list[str]) -> Mirror:
@@ -239,10 +239,10 @@ class _Reader:
                 for name, own in of.items()
                 if fnmatchcase(own, pattern) or fnmatchcase(own.rpartition("/")[0], pattern)
             ]
-            self.document.refuse(
+            refuse_if(
                 not found and not any(fnmatchcase(pattern, lock) for lock in locked),
-                ("mirror", "flip"),
                 f"{quote(pattern)} is no name or pattern of a reading or an actuator.",
+                "flip",
             )
             signs |= dict.fromkeys(found, -1.0)
 
@@ -250,9 +250,8 @@ class _Reader:
             found = []
             for name in among:
                 other = swap_parts(name, entry.swap)
-                self.document.refuse(
+                refuse_if(
                     other not in among or signs[other] != signs[name],
-                    ("mirror",),
                     f"the mirror image of {name} would be {other}, which is not there, or has "
                     "another sign.",
                 )
@@ -271,14 +270,14 @@ class _Reader:
         prefix = {"commands": "command/", "clock": "clock/"}[entry]
         return [name for name in self.signals.names if name.startswith(prefix)]
 
-    def _observed(self, entry: str | ObservedEntry, place: Place) -> list[str]:
+    def _observed(self, entry: str | ObservedEntry) -> list[str]:
         if isinstance(entry, str):
             kind = {"joint_positions": "position", "joint_velocities": "velocity"}.get(entry)
             if kind is None:
-                return self.names(entry, None, place)
+                return self.names(entry, None)
             return [f"{joint}/{kind}" for joint in self.joints]
         if entry.sensor is not None:
-            return self.names(entry.sensor, entry.index, place)
+            return self.names(entry.sensor, entry.index)
         if entry.joint is not None:
             forms = {"sin_cos": ("sin", "cos")}.get(entry.form, (entry.form,))
             joints = matching("hinge or slide", entry.joint, self.joints)
@@ -298,13 +297,13 @@ class _Reader:
         counts = (n_v, n_v, self.model.na)
         values = np.repeat([spread.position, spread.velocity, spread.activation], counts)
         for pattern, value in spread.overrides.items():
-            with self.document.at((*place, "overrides", pattern)):
+            with at_entry(*place, "overrides", pattern):
                 for name in matching("coordinate", pattern, names):
                     values[names.index(name)] = value
         return values
 
 
-def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
+def _cost(file: TaskFile, read: _Reader, start: Array, folder: Path) -> FeatureCost:
     """Returns the cost, whose readings are the parts of all terms of sensors, one after another."""
     steps = round((file.horizon + file.lookahead) / file.control_period)
     names: list[str] = []
@@ -312,45 +311,46 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
     linear, lifted, stance, whens = [], [], [], []
     controls, poses = np.zeros((2, read.model.nu))
     for i, term in enumerate(file.cost):
-        place = ("cost", i)
-        if term.control is not None:
-            _add_controls(controls, poses, term, read, start, place)
-            continue
-        assert term.sensor is not None
-        found = read.names(term.sensor, term.index, place)
-        names += found
-        size = len(found)
-        when = np.zeros((steps, 1)) if term.terminal else np.ones((steps, 1))
-        when[-1] = 1.0
-        weights.append(when * _each(term.weight, size, "weight", read, place))
-        parts = _parts(term.target, size, "target", read, place)
-        target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], dtype=float)
-        follow = [_following(part, read, (*place, "target")) for part in parts]
-        read.document.refuse(
-            isinstance(term.when, str) and not read.signals.commands,
-            (*place, "when"),
-            "the task has no command that could be at rest or not; add one.",
-        )
-        whens += [term.when] * size
-        down = (
-            Followed(swing=-1.0, phase=term.when.stance) if isinstance(term.when, Stance) else 0.0
-        )
-        stance += [_following(down, read, (*place, "when"))[1]] * size
-        linear += [a for a, _ in follow]
-        lifted += [b for _, b in follow]
-        if term.reference is not None:
-            path = read.document.file((*place, "reference"), term.reference)
-            with read.document.at((*place, "reference")):
-                times = file.control_period * np.arange(steps, dtype=float)
-                target = read_columns(path, found, times)
-        targets.append(np.broadcast_to(target, (steps, size)))
-        smooth.append(np.full(size, term.width if term.norm == "smooth_abs" else 0.0))
+        with at_entry("cost", i):
+            if term.control is not None:
+                _add_controls(controls, poses, term, read, start)
+                continue
+            assert term.sensor is not None
+            found = read.names(term.sensor, term.index)
+            names += found
+            size = len(found)
+            when = np.zeros((steps, 1)) if term.terminal else np.ones((steps, 1))
+            when[-1] = 1.0
+            weights.append(when * _each(term.weight, size, "weight"))
+            parts = _parts(term.target, size, "target")
+            target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], float)
+            with at_entry("target"):
+                follow = [_following(part, read) for part in parts]
+            refuse_if(
+                isinstance(term.when, str) and not read.signals.commands,
+                "the task has no command that could be at rest or not; add one.",
+                "when",
+            )
+            whens += [term.when] * size
+            down: float | Followed = 0.0
+            if isinstance(term.when, Stance):
+                down = Followed(swing=-1.0, phase=term.when.stance)
+            with at_entry("when"):
+                stance += [_following(down, read)[1]] * size
+            linear += [a for a, _ in follow]
+            lifted += [b for _, b in follow]
+            if term.reference is not None:
+                with at_entry("reference"):
+                    times = file.control_period * np.arange(steps, dtype=float)
+                    target = read_columns(file_inside(folder, term.reference), found, times)
+            targets.append(np.broadcast_to(target, (steps, size)))
+            smooth.append(np.full(size, term.width if term.norm == "smooth_abs" else 0.0))
     for i, command in enumerate(read.signals.commands):
-        read.document.refuse(
+        refuse_if(
             not any(row[i] for row in linear),
-            ("commands", command.name),
             "no cost reads it, so that nothing is learned of it; let the target of a term follow "
             f"it, as in `target: {{command: {command.name}}}`, or leave it out.",
+            *("commands", command.name),
         )
     following = None
     if np.any([*linear, *lifted]) or any(whens):
@@ -362,8 +362,10 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
             stance=np.array(stance),
             rest=read.signals.rest,
         )
+    with at_entry("cost"):
+        features = read.readings(names)
     return FeatureCost(
-        features=read.readings(names, ("cost",)),
+        features=features,
         targets=_join_columns(targets, steps),
         weights=_join_columns(weights, steps),
         smooth=np.concatenate([np.empty(0), *smooth]),
@@ -374,7 +376,7 @@ def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
     )
 
 
-def _following(target: float | Followed, read: _Reader, place: Place) -> tuple[Array, Array]:
+def _following(target: float | Followed, read: _Reader) -> tuple[Array, Array]:
     """Returns how a target follows the context: its rows of A and B in `core.cost.Following`."""
     names = read.signals.names
     linear, lifted = np.zeros((2, len(names)))
@@ -382,14 +384,12 @@ def _following(target: float | Followed, read: _Reader, place: Place) -> tuple[A
         return linear, lifted
     if target.command is not None:
         commands = [command.name for command in read.signals.commands]
-        with read.document.at((*place, "command")):
+        with at_entry("command"):
             known("command", target.command, commands)
         linear[names.index(f"command/{target.command}")] = 1.0
     else:
         assert target.swing is not None
-        read.document.refuse(
-            "clock/sin" not in names, place, "the task has no clock that it could follow; add one."
-        )
+        refuse_if("clock/sin" not in names, "the task has no clock that it could follow; add one.")
         angle = 2.0 * np.pi * target.phase  # sin(2πφ + angle), by the sine and cosine of 2πφ
         wave = target.swing * np.array([np.cos(angle), np.sin(angle)])
         lifted[[names.index(name) for name in CLOCK]] = wave
@@ -397,40 +397,42 @@ def _following(target: float | Followed, read: _Reader, place: Place) -> tuple[A
 
 
 def _add_controls(
-    weights: Array, poses: Array, term: CostTerm, read: _Reader, start: Array, place: Place
+    weights: Array, poses: Array, term: CostTerm, read: _Reader, start: Array
 ) -> None:
     """Adds a term's weight of each control, and sets the pose from which it counts."""
     actuators = [read.model.actuator(i).name for i in range(read.model.nu)]
     given = (term.control,) if isinstance(term.control, str) else term.control or ()
-    with read.document.at((*place, "control")):
+    with at_entry("control"):
         chosen = [
             name
             for pattern in given
             for name in matching("actuator", "*" if pattern == "all" else pattern, actuators)
         ]
-    each = _each(term.weight, len(chosen), "weight", read, place)
+    each = _each(term.weight, len(chosen), "weight")
     for name, weight in zip(chosen, each, strict=True):
         weights[actuators.index(name)] += weight
     if term.pose is not None:
-        data = pose_data(read.model, start, term.pose, read.document, (*place, "pose"))
+        with at_entry("pose"):
+            data = pose_data(read.model, start, term.pose)
         held = resting_controls(data)
         for name in chosen:
             poses[actuators.index(name)] = held[actuators.index(name)]
 
 
-def _parts(values: Any, size: int, key: str, read: _Reader, place: Place) -> list[Any]:
+def _parts(values: Any, size: int, key: str) -> list[Any]:
     """Returns one value for each of some numbers, `size` of them."""
     found = list(values) if isinstance(values, tuple) else [values]
-    if len(found) not in (1, size):
-        raise read.document.error(
-            (*place, key), f"it has {len(found)} values, but the term has {size} numbers."
-        )
+    refuse_if(
+        len(found) not in (1, size),
+        f"it has {len(found)} values, but the term has {size} numbers.",
+        key,
+    )
     return found if len(found) == size else found * size
 
 
-def _each(values: Any, size: int, key: str, read: _Reader, place: Place) -> Array:
+def _each(values: Any, size: int, key: str) -> Array:
     """Returns one value for each of some numbers, shape (size,)."""
-    return np.array(_parts(values, size, key, read, place), dtype=float)
+    return np.array(_parts(values, size, key), dtype=float)
 
 
 def _join_columns(columns: Iterable[Array], steps: int) -> Array:
@@ -439,71 +441,66 @@ def _join_columns(columns: Iterable[Array], steps: int) -> Array:
     return values[0] if (values == values[0]).all() else values
 
 
-def model_spec(task: TaskFile, document: Document) -> mujoco.MjSpec:
-    """Returns the task's model with its changes and sensors; it is known to compile.
+def model_spec(task: TaskFile, folder: Path) -> mujoco.MjSpec:
+    """Returns the model of a task in a folder with its changes and sensors; it does compile.
 
     Raises:
-        InvalidInputError: the model does not compile, or a change names what it lacks.
+        InvalidEntryError: the model does not compile, or a change names what it lacks.
     """
     changes, sensors = msgspec.to_builtins((task.changes, task.sensors))
-    try:
-        spec = changed_spec(find_model(task, document), changes, sensors)
-    except InvalidChangeError as error:
-        raise document.error(error.place, error.sentence) from error
-    document.refuse(
+    spec = changed_spec(find_model(task.model, folder), changes, sensors)
+    refuse_if(
         not is_multiple(task.control_period, spec.option.timestep),
-        ("control_period",),
         f"it is {task.control_period:g} s, but it must be a multiple of the model's time step, "
         f"{spec.option.timestep:g} s.",
+        "control_period",
     )
     return spec
 
 
-def model_text(task: TaskFile, document: Document) -> str:
+def model_text(task: TaskFile, folder: Path) -> str:
     """Returns the model as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
     orientation of its inertias in the last bits.
 
     Raises:
-        InvalidInputError: as `model_spec` does.
+        InvalidEntryError: as `model_spec` does.
     """
-    spec = model_spec(task, document)
+    spec = model_spec(task, folder)
     if task.changes == Changes() and not task.sensors:
         with suppress(InvalidInputError, UnicodeDecodeError):
-            text = find_model(task, document).read_text()
+            text = find_model(task.model, folder).read_text()
             compile_model(text, is_own=True)
             return text
-    with document.at(("model",)):
+    with at_entry("model"):
         return self_contained(spec)
 
 
-def start_state(start: Start, model: mujoco.MjModel, document: Document) -> Array:
+def start_state(start: Start, model: mujoco.MjModel) -> Array:
     """Returns the mean of x_1, shape (n_x,).
 
     Raises:
-        InvalidInputError: the start names what the model lacks.
+        InvalidEntryError: the start names what the model lacks.
     """
     data = mujoco.MjData(model)
     if start.keyframe is not None:
-        number = keyframe(model, start.keyframe, document, ("start", "keyframe"))
-        mujoco.mj_resetDataKeyframe(model, data, number)
+        with at_entry("keyframe"):
+            mujoco.mj_resetDataKeyframe(model, data, keyframe(model, start.keyframe))
     names = [model.joint(i).name for i in range(model.njnt)]
     for key, values, addresses in (
         ("positions", data.qpos, model.jnt_qposadr),
         ("velocities", data.qvel, model.jnt_dofadr),
     ):
         for name, given in getattr(start, key).items():
-            place = ("start", key, name)
-            with document.at(place):
+            with at_entry(key, name):
                 i = names.index(known("joint", name, names))
-            end = [*addresses[1:], len(values)][i]
-            numbers, size = np.atleast_1d(np.array(given, dtype=float)), end - addresses[i]
-            document.refuse(
-                numbers.size != size,
-                place,
-                f"{quote(name)} has {size} numbers, but {numbers.size} are given.",
-            )
+                end = [*addresses[1:], len(values)][i]
+                numbers, size = np.atleast_1d(np.array(given, dtype=float)), end - addresses[i]
+                refuse_if(
+                    numbers.size != size,
+                    f"{quote(name)} has {size} numbers, but {numbers.size} are given.",
+                )
             values[addresses[i] : end] = numbers
     mujoco.mj_normalizeQuat(model, data.qpos)
     return np.concatenate([data.qpos, data.qvel, data.act])

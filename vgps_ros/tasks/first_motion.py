@@ -14,7 +14,7 @@ import numpy as np
 from vgps_ros.core.checks import known, matching
 from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.ddp.tracking import track
-from vgps_ros.core.errors import DivergenceError, InvalidInputError
+from vgps_ros.core.errors import DivergenceError, InvalidInputError, at_entry, refuse_if
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.slow_steps import progress_lines
 from vgps_ros.policies.driver import Driver
@@ -34,36 +34,35 @@ from vgps_ros.tasks.schema import (
     Sampling,
 )
 from vgps_ros.tasks.task import FirstMotion, Nominal, Task
-from vgps_ros.tasks.task_file import Document, Place
+from vgps_ros.tasks.task_file import file_inside
 
 _MOST_DAMPING = 0.5  # of what stops a joint within one control; more makes a held torque unstable
 
 
-def with_beginning(task: Task, entry: Begin, document: Document) -> Task:
-    """Returns the task with the first motion that its file describes.
+def with_beginning(task: Task, entry: Begin, folder: Path) -> Task:
+    """Returns the task with the first motion that its file in a folder describes.
 
     Raises:
         InvalidInputError: the entry does not fit the model.
     """
     begin: FirstMotion
     if isinstance(entry, RecordedMotion):
-        path = document.file(("begin", "file"), entry.file)
-        with document.at(("begin", "file")):
-            return with_demonstration(task, path)
+        with at_entry("file"):
+            return with_demonstration(task, file_inside(folder, entry.file))
     if isinstance(entry, Pd):
-        begin = Made(partial(_execute, _pd_law(task, entry, document)))
+        begin = Made(partial(_execute, _pd_law(task, entry)))
     elif isinstance(entry, Sampling):
-        begin = _sampling_search(task, entry, document)
+        begin = _sampling_search(task, entry)
     elif isinstance(entry, PathMotion):
-        begin = AlongPath(path_states(task, entry, document))
+        begin = AlongPath(path_states(task, entry, folder))
     elif isinstance(entry, BestMotion):
-        begin = _several(task, entry, document)
+        begin = _several(task, entry)
     elif isinstance(entry, Noise):
         std, n_u = np.array(entry.std), task.dynamics.control_dim
-        document.refuse(
+        refuse_if(
             std.size not in (1, n_u),
-            ("begin", "std"),
             f"it has {std.size} values, but the model has {n_u} actuators.",
+            "std",
         )
         begin = Drawn(std, entry.time_constant)
     else:
@@ -279,11 +278,11 @@ class Best:
         return Nominal.guessed(Trajectory(states, motion.controls[:steps]), task.dynamics)
 
 
-def _several(task: Task, entry: BestMotion, document: Document) -> Best:
+def _several(task: Task, entry: BestMotion) -> Best:
     """Returns the motions of which the best one is chosen."""
     low, high = task.dynamics.control_limits
     still = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
-    held = Made(partial(_execute, _pd_law(task, Pd(), document)))
+    held = Made(partial(_execute, _pd_law(task, Pd())))
     half = half_ranges(low, high)
     noisy = [Drawn(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
     arriving = [Arrival(window, seed) for window in (0.3, 0.6, 1.0) for seed in (0, 1)]
@@ -291,7 +290,7 @@ def _several(task: Task, entry: BestMotion, document: Document) -> Best:
     step, std = task.dynamics.time_step, tuple(half.tolist())
     plan, period = max(0.5, step), max(0.05, step)
     short = Sampling(plan=plan, period=period, samples=64, iterations=4, knots=8, std=std)
-    going_on = replace(_sampling_search(task, short, document), ddp_iterations=0)
+    going_on = replace(_sampling_search(task, short), ddp_iterations=0)
     return Best(task, (held, AlongPath(still), *noisy, *arriving, going_on), entry.iterations)
 
 
@@ -330,7 +329,7 @@ def smoothed_noise(
     return noise
 
 
-def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array], Array]:
+def _pd_law(task: Task, begin: Pd) -> Callable[[int, Array], Array]:
     """Returns the law of controls that hold a pose; it maps states (N, n_x) to (N, n_u).
 
     A motor gets the torque stiffness · (pose − position) − damping · velocity. A servo of positions
@@ -338,8 +337,8 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     up the weight.
     """
     model: mujoco.MjModel = task.dynamics.model
-    place = ("begin", "pose")
-    data = pose_data(model, task.initial_state, begin.pose or "start", document, place)
+    with at_entry("pose"):
+        data = pose_data(model, task.initial_state, begin.pose or "start")
     of_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     joints = np.where(of_joint, model.actuator_trnid[:, 0], 0)
     of_joint &= model.jnt_type[joints] >= int(mujoco.mjtJoint.mjJNT_SLIDE)  # or a hinge
@@ -351,10 +350,10 @@ def _pd_law(task: Task, begin: Pd, document: Document) -> Callable[[int, Array],
     names = [model.joint(j).name for j in joints]
     weight = model.body_subtreemass[0] * np.linalg.norm(model.opt.gravity)
     suited = np.where(of_joint, weight * model.stat.extent / 4 + mass, 0.0)
-    stiffness = _by_joint(begin.stiffness, suited, names, "stiffness", document)
+    stiffness = _by_joint(begin.stiffness, suited, names, "stiffness")
     # The implicit part of the integration does not see these torques, so they must be mild.
     mild = np.minimum(2 * np.sqrt(stiffness * mass), _MOST_DAMPING * mass / task.dynamics.time_step)
-    damping = _by_joint(begin.damping, mild, names, "damping", document)
+    damping = _by_joint(begin.damping, mild, names, "damping")
     strength = model.actuator_gainprm[:, 0] * model.actuator_gear[:, 0]
     is_servo = model.actuator_biasprm[:, 1] != 0
     is_plain = (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED)) & (
@@ -387,9 +386,7 @@ def _lift(data: mujoco.MjData, strength: Array) -> Array:
     return held
 
 
-def pose_data(
-    model: mujoco.MjModel, start: Array, pose: Pose, document: Document, place: Place
-) -> mujoco.MjData:
+def pose_data(model: mujoco.MjModel, start: Array, pose: Pose) -> mujoco.MjData:
     """Returns the data of a pose: the start, a keyframe, or the start but for some joints.
 
     Raises:
@@ -399,16 +396,16 @@ def pose_data(
     data.qpos[:] = start[: model.nq]
     if isinstance(pose, dict):
         for pattern, position in pose.items():
-            with document.at((*place, pattern)):
+            with at_entry(pattern):
                 for name in matching("hinge or slide", pattern, joint_names(model)):
                     data.joint(name).qpos[:] = position
     elif pose != "start":
-        data.qpos[:] = model.key_qpos[keyframe(model, pose, document, place)]
+        data.qpos[:] = model.key_qpos[keyframe(model, pose)]
     mujoco.mj_forward(model, data)
     return data
 
 
-def _by_joint(given: Any, default: Array, names: list[str], key: str, document: Document) -> Array:
+def _by_joint(given: Any, default: Array, names: list[str], key: str) -> Array:
     """Returns a value for each control: one for all, or by its joint's name or pattern."""
     if given is None:
         return default
@@ -416,25 +413,25 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str, document: 
         return np.full(len(names), float(given))
     values = default.copy()
     for pattern, value in given.items():
-        with document.at(("begin", key, pattern)):
+        with at_entry(key, pattern):
             found = matching("driven joint", pattern, names)
         values[[i for i, name in enumerate(names) if name in found]] = value
     return values
 
 
-def _sampling_search(task: Task, begin: Sampling, document: Document) -> SampledMotion:
+def _sampling_search(task: Task, begin: Sampling) -> SampledMotion:
     """Returns what finds a motion by samples."""
     step = task.dynamics.time_step
     for key, time in (("plan", begin.plan), ("period", begin.period)):
-        document.refuse(
+        refuse_if(
             time < step,
-            ("begin", key),
             f"it is {time:g} s, but it must be at least the control_period, {step:g} s.",
+            key,
         )
-    document.refuse(
+    refuse_if(
         begin.period > begin.plan,
-        ("begin", "period"),
         f"it is {begin.period:g} s, but a plan of {begin.plan:g} s has no more to execute.",
+        "period",
     )
     low, high = task.dynamics.control_limits
     return SampledMotion(
@@ -443,7 +440,7 @@ def _sampling_search(task: Task, begin: Sampling, document: Document) -> Sampled
             knots=begin.knots,
             samples=begin.samples,
             iterations=begin.iterations,
-            std=_std(begin, low, high, document),
+            std=_std(begin, low, high),
             low=low,
             high=high,
         ),
@@ -452,26 +449,20 @@ def _sampling_search(task: Task, begin: Sampling, document: Document) -> Sampled
     )
 
 
-def _std(begin: Sampling, low: Array, high: Array, document: Document) -> Array:
+def _std(begin: Sampling, low: Array, high: Array) -> Array:
     """Returns the standard deviation of each control's samples, shape (n_u,)."""
     if begin.std is None:
-        document.refuse(
+        refuse_if(
             bool(np.isinf(high - low).any()),
-            ("begin",),
             "a control of the model has no range; give `std`, the standard deviation of the "
             "samples [N·m], or a ctrlrange (changes: actuators: limit).",
         )
         return np.asarray(begin.noise * (high - low) / 2)
     std = np.array(begin.std)
-    document.refuse(
+    refuse_if(
         std.size not in (1, low.size),
-        ("begin", "std"),
         f"it has {std.size} values, but the model has {low.size} actuators.",
-    )
-    document.refuse(
-        ("begin", "noise") in document.lines,
-        ("begin", "noise"),
-        "it is a share of the controls' range, for which std stands; leave one of them out.",
+        "std",
     )
     return np.broadcast_to(std, low.shape).astype(float)
 
@@ -479,7 +470,7 @@ def _std(begin: Sampling, low: Array, high: Array, document: Document) -> Array:
 _PLACES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE)  # joints with lengths
 
 
-def path_states(task: Task, begin: PathMotion, document: Document) -> Array:
+def path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
     """Returns the states of a path over the planned horizon, shape (T+1, n_x).
 
     Positions are those of the path, velocities are their differences over time, and activations
@@ -489,11 +480,10 @@ def path_states(task: Task, begin: PathMotion, document: Document) -> Array:
         InvalidInputError: the path names what the model or its file lacks.
     """
     if begin.file is None:
-        states = _between_keyframes(task, begin, document)
+        states = _between_keyframes(task, begin)
     else:
-        path = document.file(("begin", "file"), begin.file)
-        with document.at(("begin", "file")):
-            states = _recorded_states(task, path, begin.scale)
+        with at_entry("file"):
+            states = _recorded_states(task, file_inside(folder, begin.file), begin.scale)
     n_q, n_v = task.dynamics.model.nq, task.dynamics.model.nv
     space, period = task.dynamics.space, task.dynamics.time_step
     moves = space.subtract(states[1:], states[:-1])[:, :n_v]
@@ -501,13 +491,14 @@ def path_states(task: Task, begin: PathMotion, document: Document) -> Array:
     return states
 
 
-def _between_keyframes(task: Task, begin: PathMotion, document: Document) -> Array:
+def _between_keyframes(task: Task, begin: PathMotion) -> Array:
     """Returns states on lines from the start through the keyframes, at even times."""
     model, space = task.dynamics.model, task.dynamics.space
     knots = [_at_rest(task)]
     for i, name in enumerate(begin.through):
         knot = knots[0].copy()
-        knot[: model.nq] = model.key_qpos[keyframe(model, name, document, ("begin", "through", i))]
+        with at_entry("through", i):
+            knot[: model.nq] = model.key_qpos[keyframe(model, name)]
         knots.append(knot)
     when = np.linspace(0.0, len(knots) - 1.0, task.planned_horizon + 1)
     before = np.minimum(when.astype(int), max(len(knots) - 2, 0))
@@ -549,14 +540,13 @@ def _at_rest(task: Task) -> Array:
     return state
 
 
-def keyframe(model: mujoco.MjModel, wanted: str | int, document: Document, place: Place) -> int:
+def keyframe(model: mujoco.MjModel, wanted: str | int) -> int:
     """Returns the number of a keyframe.
 
     Raises:
         InvalidInputError: the model has none of this name or number.
     """
     names = [model.key(i).name or str(i) for i in range(model.nkey)]
-    with document.at(place):
-        if isinstance(wanted, int) and wanted < model.nkey:
-            return wanted
-        return names.index(known("keyframe", str(wanted), names))
+    if isinstance(wanted, int) and wanted < model.nkey:
+        return wanted
+    return names.index(known("keyframe", str(wanted), names))

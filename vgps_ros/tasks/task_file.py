@@ -29,7 +29,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -45,23 +45,31 @@ from ruamel.yaml.parser import ParserError
 from ruamel.yaml.scanner import ScannerError
 
 from vgps_ros.core.checks import list_names, nearest, one_of, quote
-from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.errors import (
+    InvalidEntryError,
+    InvalidInputError,
+    Place,
+    at_entry,
+    refuse_if,
+)
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
 from vgps_ros.core.signals import SOURCE
 from vgps_ros.simulation.sensor_types import OBJECTS, SENSOR_TYPES
 from vgps_ros.tasks.schema import (
+    Begin,
+    CommandEntry,
     CostTerm,
     Followed,
     ObservedEntry,
     PathMotion,
     Record,
     RecordedMotion,
+    Sampling,
     Sensor,
     TaskFile,
 )
 
-Place = tuple[str | int, ...]  # keys and positions that lead to an entry
 R = TypeVar("R", bound=msgspec.Struct)
 
 SCHEMA_PATH = Path(__file__).resolve().with_name("task.schema.json")
@@ -104,6 +112,11 @@ class Document:
     data: dict[str, Any]
     lines: dict[Place, int]
 
+    @property
+    def folder(self) -> Path:
+        """The folder from which the file names others."""
+        return self.path.parent
+
     def error(self, place: Place, sentence: str) -> InvalidInputError:
         """Returns an error that begins with file, line and key of an entry.
 
@@ -115,53 +128,50 @@ class Document:
         where = f", {place_in_words(place)}" if place else ""
         return self.error_at(self.lines[known], sentence, where)
 
-    def refuse(self, wrong: bool, place: Place, sentence: str) -> None:
-        """Raises such an error if something is wrong."""
-        if wrong:
-            raise self.error(place, sentence)
-
     def error_at(self, line: int, sentence: str, where: str = "") -> InvalidInputError:
         """Returns an error that begins with the file and a line of it."""
         return InvalidInputError(shorten(f"{show_path(self.path)} line {line}{where}: {sentence}"))
 
     @contextmanager
-    def at(self, place: Place) -> Iterator[None]:
-        """Prefixes errors within the block with file, line and key of an entry."""
+    def name_lines(self) -> Iterator[None]:
+        """Prefixes errors about entries within the block with file, line and key."""
         try:
             yield
-        except InvalidInputError as error:
-            raise self.error(place, str(error)) from error
+        except InvalidEntryError as error:
+            raise self.error(error.place, error.sentence) from error
 
-    def file(self, place: Place, name: str) -> Path:
-        """Returns the path of a file that an entry names, which must lie in the document's folder.
 
-        Raises:
-            InvalidInputError: the file lies elsewhere, or there is none.
-        """
-        folder = self.path.parent.resolve()
-        path = self.existing(place, folder, name).resolve()
-        if not path.is_relative_to(folder):
-            raise self.error(
-                place, f"the file {quote(name)} lies outside this file's folder; move it there."
-            )
-        return path
+def file_inside(folder: Path, name: str) -> Path:
+    """Returns the path of a file that an entry names, which must lie in a folder.
 
-    def existing(self, place: Place, folder: Path, name: str) -> Path:
-        """Returns the path of a file that an entry names, from a folder.
-
-        Raises:
-            InvalidInputError: there is no such file.
-        """
-        try:
-            path = folder / name
-            if path.is_file():
-                return path
-            others = [entry.name for entry in islice(os.scandir(folder), 1000)]
-        except (OSError, RuntimeError) as error:  # a name that is too long, a loop of links
-            raise self.error(place, f"the file {quote(name)} cannot be found.") from error
-        raise self.error(
-            place, f"there is no file {quote(name)} in {show_path(folder)}.{nearest(name, others)}"
+    Raises:
+        InvalidInputError: the file lies elsewhere, or there is none.
+    """
+    inside = folder.resolve()
+    path = existing_file(inside, name).resolve()
+    if not path.is_relative_to(inside):
+        raise InvalidInputError(
+            f"the file {quote(name)} lies outside this file's folder; move it there."
         )
+    return path
+
+
+def existing_file(folder: Path, name: str) -> Path:
+    """Returns the path of a file that an entry names, from a folder.
+
+    Raises:
+        InvalidInputError: there is no such file.
+    """
+    try:
+        path = folder / name
+        if path.is_file():
+            return path
+        others = [entry.name for entry in islice(os.scandir(folder), 1000)]
+    except (OSError, RuntimeError) as error:  # a name that is too long, a loop of links
+        raise InvalidInputError(f"the file {quote(name)} cannot be found.") from error
+    raise InvalidInputError(
+        f"there is no file {quote(name)} in {show_path(folder)}.{nearest(name, others)}"
+    )
 
 
 class Entries(dict[str, Any]):
@@ -182,12 +192,14 @@ class Entries(dict[str, Any]):
                 self[name] = value
         self._document, self._place = document, place
 
-    def at(self, name: str) -> AbstractContextManager[None]:
-        """Returns where errors name the line of a value, or that of all where it has no name."""
+    @contextmanager
+    def at(self, name: str) -> Iterator[None]:
+        """Lets errors name the line of a value, or that of all where it has no name."""
         place: Place = (*self._place, name)
         if place not in self._document.lines:  # it stands there nested, or there is no name
             place = (*self._place, *filter(None, name.split(".")))
-        return self._document.at(place)
+        with self._document.name_lines(), at_entry(*place):
+            yield
 
 
 def show_path(path: Path) -> str:
@@ -435,8 +447,10 @@ def read_task_file(path: Path) -> tuple[TaskFile, Document]:
     """
     document = read_document(path / "task.yaml" if os.path.isdir(path) else path)
     task = as_record(document, TaskFile)
-    _check(task, document)
-    find_model(task, document)
+    with document.name_lines():
+        _check(task, document.data, document.folder)
+        find_model(task.model, document.folder)
+    settings_in(task, document)
     return task, document
 
 
@@ -461,32 +475,31 @@ def _search_names() -> list[str]:
     return list(of_task["search"]["propertyNames"]["enum"])
 
 
-def find_model(task: TaskFile, document: Document) -> Path:
-    """Returns the path of the task's model.
+def find_model(reference: str, folder: Path) -> Path:
+    """Returns the path of the model that a task file in a folder names.
 
     `package://PACKAGE/PATH` is a file of a Python package, which is not imported, or of the shared
     folder of a ROS package.
 
     Raises:
-        InvalidInputError: there is no such package or file.
+        InvalidEntryError: there is no such package or file.
     """
-    if not task.model.startswith("package:"):
-        return document.existing(("model",), document.path.parent, task.model)
-    found = _PACKAGE.fullmatch(task.model)
-    if not found or ".." in Path(found[2]).parts:
-        raise document.error(
-            ("model",),
-            f"it is {quote(task.model)}, but it must be package://PACKAGE/PATH inside a package.",
+    with at_entry("model"):
+        if not reference.startswith("package:"):
+            return existing_file(folder, reference)
+        found = _PACKAGE.fullmatch(reference)
+        if not found or ".." in Path(found[2]).parts:
+            raise InvalidInputError(
+                f"it is {quote(reference)}, but it must be package://PACKAGE/PATH inside a package."
+            )
+        folders = _package_folders(found[1])
+        refuse_if(
+            not folders,
+            f"there is no package {found[1]}, neither of Python nor in AMENT_PREFIX_PATH; install "
+            "it, or source its workspace.",
         )
-    folders = _package_folders(found[1])
-    document.refuse(
-        not folders,
-        ("model",),
-        f"there is no package {found[1]}, neither of Python nor in AMENT_PREFIX_PATH; install it, "
-        "or source its workspace.",
-    )
-    existing = (folder for folder in folders if (folder / found[2]).is_file())
-    return document.existing(("model",), next(existing, folders[0]), found[2])
+        existing = (folder for folder in folders if (folder / found[2]).is_file())
+        return existing_file(next(existing, folders[0]), found[2])
 
 
 def _package_folders(name: str) -> list[Path]:
@@ -501,50 +514,68 @@ def _package_folders(name: str) -> list[Path]:
     return [folder for folder in (*map(Path, python), *shared) if folder.is_dir()]
 
 
-def _check(task: TaskFile, document: Document) -> None:
-    """Checks a task.
+def _check(task: TaskFile, given: Mapping[str, Any], folder: Path) -> None:
+    """Checks a task, of which the data of its file are given.
 
     Raises:
-        InvalidInputError: an entry contradicts another, or names a file outside the folder.
+        InvalidEntryError: an entry contradicts another, or names a file outside the folder.
     """
-    _check_times(task, document)
+    _check_times(task)
     for name, sensor in task.sensors.items():
-        _check_sensor(name, sensor, document)
+        with at_entry("sensors", name):
+            _check_sensor(name, sensor)
     for name, command in task.commands.items():
-        low, high = command.range
-        document.refuse(
-            not low < high,
-            ("commands", name, "range"),
-            f"it is {low:g} to {high:g}, but the second must be larger than the first.",
-        )
-        document.refuse(
-            "/" in name or (command.source is not None and not SOURCE.fullmatch(command.source)),
-            ("commands", name),
-            "its name must hold no slash, and `from` must be cmd_vel/linear/x, or another field of "
-            "a Twist: linear or angular, x, y or z.",
-        )
-        same = next((o for o, c in task.commands.items() if c.source == command.source), name)
-        document.refuse(
-            command.source is not None and same != name,
-            ("commands", name, "from"),
-            f"{same} comes from {command.source} already; each command needs a field of its own.",
-        )
+        with at_entry("commands", name):
+            _check_command(name, command, task.commands)
     for i, term in enumerate(task.cost):
-        _check_term(term, document, ("cost", i))
+        with at_entry("cost", i):
+            _check_term(term, given["cost"][i], folder)
     for i, entry in enumerate(task.observe):
         if isinstance(entry, ObservedEntry):
-            _check_observation(entry, document, ("observe", i))
+            with at_entry("observe", i):
+                _check_observation(entry, given["observe"][i])
     for key, limits in (("fallen", task.fallen), ("limits", task.limits)):
         for i, limit in enumerate(limits):
-            _check_one_of(limit, ("below", "above", "beyond"), document, (key, i))
-    if isinstance(task.begin, RecordedMotion | PathMotion) and task.begin.file is not None:
-        document.file(("begin", "file"), task.begin.file)
-        document.refuse(
-            ("begin", "through") in document.lines,
-            ("begin", "through"),
+            with at_entry(key, i):
+                _check_one_of(limit, ("below", "above", "beyond"))
+    with at_entry("begin"):
+        _check_begin(task.begin, given.get("begin", {}), folder)
+
+
+def _check_command(name: str, command: CommandEntry, commands: Mapping[str, CommandEntry]) -> None:
+    low, high = command.range
+    refuse_if(
+        not low < high,
+        f"it is {low:g} to {high:g}, but the second must be larger than the first.",
+        "range",
+    )
+    refuse_if(
+        "/" in name or (command.source is not None and not SOURCE.fullmatch(command.source)),
+        "its name must hold no slash, and `from` must be cmd_vel/linear/x, or another field of a "
+        "Twist: linear or angular, x, y or z.",
+    )
+    same = next((other for other, c in commands.items() if c.source == command.source), name)
+    refuse_if(
+        command.source is not None and same != name,
+        f"{same} comes from {command.source} already; each command needs a field of its own.",
+        "from",
+    )
+
+
+def _check_begin(begin: Begin, given: Mapping[str, Any], folder: Path) -> None:
+    if isinstance(begin, RecordedMotion | PathMotion) and begin.file is not None:
+        with at_entry("file"):
+            file_inside(folder, begin.file)
+        refuse_if(
+            "through" in given,
             "a path goes through keyframes or is in a file; leave one of them out.",
+            "through",
         )
-    settings_in(task, document)
+    refuse_if(
+        isinstance(begin, Sampling) and begin.std is not None and "noise" in given,
+        "it is a share of the controls' range, for which std stands; leave one of them out.",
+        "noise",
+    )
 
 
 def is_multiple(time: float, unit: float) -> bool:
@@ -553,141 +584,137 @@ def is_multiple(time: float, unit: float) -> bool:
     return isfinite(ratio) and abs(ratio - round(ratio)) <= _ROUNDING * min(1.0, ratio)
 
 
-def _check_times(task: TaskFile, document: Document) -> None:
+def _check_times(task: TaskFile) -> None:
     period, step = task.control_period, task.changes.option.timestep
     for key, time in (("horizon", task.horizon), ("lookahead", task.lookahead)):
-        document.refuse(
+        refuse_if(
             not is_multiple(time, period),
-            (key,),
             f"it is {time:g} s, but it must be a multiple of the control_period, {period:g} s.",
+            key,
         )
-    document.refuse(
+    refuse_if(
         step is not None and not is_multiple(period, step),
-        ("control_period",),
         f"it is {period:g} s, but it must be a multiple of the simulator's time step, {step} s.",
+        "control_period",
     )
-    fastest = 0.5 / period
-    document.refuse(
-        task.clock is not None and task.clock.frequency > fastest,
-        ("clock", "frequency"),
-        f"it is {task.clock.frequency if task.clock else 0.0:g} Hz, but with a control_period of "
-        f"{period:g} s it must be at most {fastest:g} Hz, two controls a turn.",
-    )
-    document.refuse(
-        task.clock is not None and task.clock.stops and not task.commands,
-        ("clock", "stops"),
-        "the clock would never turn, since the task has no commands that could be other than at "
-        "rest; add one, or leave it out.",
-    )
+    if (clock := task.clock) is not None:
+        fastest = 0.5 / period
+        refuse_if(
+            clock.frequency > fastest,
+            f"it is {clock.frequency:g} Hz, but with a control_period of {period:g} s it must be "
+            f"at most {fastest:g} Hz, two controls a turn.",
+            *("clock", "frequency"),
+        )
+        refuse_if(
+            clock.stops and not task.commands,
+            "the clock would never turn, since the task has no commands that could be other than "
+            "at rest; add one, or leave it out.",
+            *("clock", "stops"),
+        )
     steps = round((task.horizon + task.lookahead) / period)
-    document.refuse(
+    refuse_if(
         steps > MOST_STEPS,
-        ("horizon",),
         f"horizon and lookahead have {steps:g} steps, but at most {MOST_STEPS} are taken.",
+        "horizon",
     )
 
 
-def _check_term(term: CostTerm, document: Document, place: Place) -> None:
+def _check_term(term: CostTerm, given: Mapping[str, Any], folder: Path) -> None:
     """Checks a term of the cost: its kind and its file."""
-    _check_one_of(term, ("sensor", "control"), document, place)
+    _check_one_of(term, ("sensor", "control"))
     if term.sensor is None:
         for key in _OF_SENSORS:
-            document.refuse(
-                (*place, key) in document.lines,
-                (*place, key),
+            refuse_if(
+                key in given,
                 "this belongs to a term with a sensor; a term of controls has a weight only.",
+                key,
             )
         names = (term.control,) if isinstance(term.control, str) else term.control or ()
         for i, name in enumerate(names):
-            document.refuse(
+            refuse_if(
                 name in names[:i],
-                (*place, "control", i),
                 "this entry stands twice; leave one of them out.",
+                *("control", i),
             )
-    document.refuse(
-        (*place, "width") in document.lines and term.norm != "smooth_abs",
-        (*place, "width"),
+    refuse_if(
+        "width" in given and term.norm != "smooth_abs",
         "only smooth_abs has a width; add `norm: smooth_abs`.",
+        "width",
     )
-    document.refuse(
+    refuse_if(
         term.pose is not None and term.control is None,
-        (*place, "pose"),
         "only a term of controls has a pose; leave it out.",
+        "pose",
     )
     several = isinstance(term.target, tuple)
     for i, target in enumerate(term.target if isinstance(term.target, tuple) else (term.target,)):
         if isinstance(target, Followed):
-            here = (*place, "target", *((i,) if several else ()))
-            _check_one_of(target, ("command", "swing"), document, here)
-            document.refuse(
-                target.swing is None and (*here, "phase") in document.lines,
-                (*here, "phase"),
-                "only a swing has a phase; leave it out.",
-            )
+            own = given["target"][i] if several else given["target"]
+            with at_entry("target", *((i,) if several else ())):
+                _check_one_of(target, ("command", "swing"))
+                refuse_if(
+                    target.swing is None and "phase" in own,
+                    "only a swing has a phase; leave it out.",
+                    "phase",
+                )
     if term.reference is not None:
-        both = (*place, "target")
-        document.refuse(both in document.lines, both, "a term has a target or a reference.")
-        document.file((*place, "reference"), term.reference)
+        refuse_if("target" in given, "a term has a target or a reference.", "target")
+        with at_entry("reference"):
+            file_inside(folder, term.reference)
 
 
-def _check_observation(entry: ObservedEntry, document: Document, place: Place) -> None:
-    owners = ("joint", "sensor", "joint_positions", "joint_velocities")
-    _check_one_of(entry, owners, document, place)
+def _check_observation(entry: ObservedEntry, given: Mapping[str, Any]) -> None:
+    _check_one_of(entry, ("joint", "sensor", "joint_positions", "joint_velocities"))
     for key, owner in (("as", "joint"), ("index", "sensor")):
-        document.refuse(
-            (*place, key) in document.lines and getattr(entry, owner) is None,
-            (*place, key),
+        refuse_if(
+            key in given and getattr(entry, owner) is None,
             f"this belongs beside {owner}; leave it out here.",
+            key,
         )
 
 
-def _check_sensor(name: str, sensor: Sensor, document: Document) -> None:
+def _check_sensor(name: str, sensor: Sensor) -> None:
     """Checks that an added sensor has a type of MuJoCo's, and the objects that it needs."""
-    place, what = ("sensors", name), f"a {sensor.type}"
-    document.refuse(
+    what = f"a {sensor.type}"
+    refuse_if(
         sensor.type not in SENSOR_TYPES,
-        (*place, "type"),
         f"{quote(sensor.type)} is no type of sensor; there are {list_names(list(SENSOR_TYPES))}."
         f"{nearest(sensor.type, SENSOR_TYPES)}",
+        "type",
     )
-    document.refuse("/" in name, place, "a sensor's name must not hold a slash; rename it.")
+    refuse_if("/" in name, "a sensor's name must not hold a slash; rename it.")
     kind = SENSOR_TYPES[sensor.type]
     between = kind.mujoco_name.startswith("geom")
-    _check_object(sensor, kind.objects, what, document, place)
+    _check_object(sensor, kind.objects, what)
     if sensor.relative_to is not None:
-        here = (*place, "relative_to")
-        none = f"{what} measures relative to nothing; leave it out."
-        document.refuse(not kind.relative_to, here, none)
-        _check_object(sensor.relative_to, kind.relative_to, what, document, here)
-    document.refuse(
+        with at_entry("relative_to"):
+            refuse_if(not kind.relative_to, f"{what} measures relative to nothing; leave it out.")
+            _check_object(sensor.relative_to, kind.relative_to, what)
+    refuse_if(
         between and (sensor.relative_to is None or sensor.cutoff is None),
-        place,
         f"{what} needs relative_to and cutoff, the farthest distance seen [m], for example "
         "`relative_to: {geom: wall}, cutoff: 1.0`.",
     )
 
 
-def _check_object(
-    record: Record, kinds: Sequence[str], what: str, document: Document, place: Place
-) -> None:
+def _check_object(record: Record, kinds: Sequence[str], what: str) -> None:
     """Checks that a record names one object, of a kind that fits."""
     allowed = f"one of {', '.join(kinds)}" if kinds else "nothing, since it is of the whole model"
     for kind in OBJECTS:
-        document.refuse(
+        refuse_if(
             getattr(record, kind, None) is not None and kind not in kinds,
-            (*place, kind),
             f"{what} may name {allowed}, but not {kind}.",
+            kind,
         )
     if kinds:
-        _check_one_of(record, kinds, document, place)
+        _check_one_of(record, kinds)
 
 
-def _check_one_of(record: Record, names: Sequence[str], document: Document, place: Place) -> None:
+def _check_one_of(record: Record, names: Sequence[str]) -> None:
     """Checks that a record has a value for exactly one of some fields."""
     given = [name for name in names if getattr(record, name) is not None]
-    document.refuse(
+    refuse_if(
         len(given) != 1,
-        place,
         f"exactly one of {', '.join(names)} must be given, but here is "
         f"{' and '.join(given) or 'none'}.",
     )

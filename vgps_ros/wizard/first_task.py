@@ -130,7 +130,7 @@ def _template_values(robot: Robot, actuators: int) -> dict[str, Any]:
     }
     return {
         robot.kind: True,
-        "robot": f"({robot.mass:.3g} kg, a {base} base, {actuators} actuator{'s' * (actuators != 1)})",
+        "robot": f"({robot.mass:.3g} kg, a {base} base, actuators: {actuators})",
         "weightless": robot.base and not robot.gravity,
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},

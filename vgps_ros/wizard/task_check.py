@@ -94,8 +94,8 @@ def examine_task(
         return found
     if is_late():
         found.notes.append(
-            f"the choice of a first motion (begin) ended after {seconds:g} s, so what follows is of "
-            "the best one so far; raise --seconds."
+            f"the choice of a first motion (begin) ended after {seconds:g} s, so what follows is "
+            "of the best one so far; raise --seconds."
         )
     rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
     still = task.dynamics.rollout(task.initial_state, lambda *_: rest, first.horizon)
