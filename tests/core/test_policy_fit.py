@@ -169,8 +169,6 @@ def test_fit_recovers_a_linear_gaussian(
         optimizer,
         40,
         iterations,
-        tolerance=1e-12,
-        resample_every=20,
     )
     start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
     policy = fit_policy(start, whole, [q], settings, rng)
@@ -253,7 +251,7 @@ def test_same_generator_gives_the_same_bits(random_distribution, whole):
 def test_samples_are_drawn_anew_as_often_as_set(
     random_distribution, whole, rng, monkeypatch, optimizer, draws
 ):
-    """LBFGS every 20 iterations, and once more for the noise."""
+    """LBFGS every 25 iterations, and once more for the noise."""
     q, drawn = random_distribution(), []
 
     def counted(*args) -> Targets:
@@ -262,7 +260,7 @@ def test_samples_are_drawn_anew_as_often_as_set(
 
     monkeypatch.setattr(policy_fit, "draw_targets", counted)
     start = start_of(Architecture(NAMES, (5,), 2), whole, [q], rng)
-    settings = FitSettings(optimizer=optimizer, iterations=50, resample_every=20)
+    settings = FitSettings(optimizer=optimizer, iterations=75)
     fit_policy(start, whole, [q], settings, rng)
     assert len(drawn) == draws + 1
     assert len({t.inputs.tobytes() for t in drawn}) == draws + 1

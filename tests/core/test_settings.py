@@ -10,7 +10,7 @@ from vgps_ros.search.settings import SearchSettings
 
 def test_nested_settings_are_found_by_dotted_name_and_replaced():
     names = {s.name for s in settings_of(SearchSettings())}
-    assert {"iterations", "hidden_units", "fit.form", "fit.resample_every"} <= names
+    assert {"iterations", "hidden_units", "fit.form", "fit.retries"} <= names
     changed = with_values(SearchSettings(), {"fit.form": "sampled", "iterations": 7})
     assert (changed.fit.form, changed.iterations) == ("sampled", 7)
     assert changed.alphas == SearchSettings().alphas

@@ -43,7 +43,6 @@ SHORT = {
     "fit.late": 0.0,
     # Nothing is replayed, so each situation has more samples.
     "fit.samples_per_step": 8,
-    "fit.tolerance": 1e-4,
 }
 
 

@@ -12,6 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.settings import with_values
 from vgps_ros.policies.driver import Driver
+from vgps_ros.search import renewal
 from vgps_ros.search.calibration import calibrate
 from vgps_ros.search.judgement import (
     Trial,
@@ -209,8 +210,9 @@ def test_new_situations_begin_where_commands_are_obeyed_least(cart, tmp_path):
     assert size(reaching(task, 0.5).policy) > 1.1 * size(reaching(task).policy)
 
 
-def test_new_situations_begin_at_most_half_way_from_a_push_to_the_fall(tmp_path):
+def test_new_situations_begin_at_most_half_way_from_a_push_to_the_fall(tmp_path, monkeypatch):
     """A cart whose speed v grows by 4 v passes √(1.5 v) half way to where it falls, 1.5 m/s."""
+    monkeypatch.setattr(renewal, "_NOISE", 0.0)
     text = TASK.replace("observe:", "  - {control: all, weight: 1.0e-3}\nobserve:")
     (tmp_path / "cart.xml").write_text(CART)
     (tmp_path / "task.yaml").write_text(
@@ -218,7 +220,7 @@ def test_new_situations_begin_at_most_half_way_from_a_push_to_the_fall(tmp_path)
     )
     task = make_task(str(tmp_path))
     values = {"situations": 60, "initial_ddp_iterations": 2, "renew.share": 1.0}
-    values |= {"renew.worst": 1e6, "renew.noise": 0.0, "renew.push": 0.6, "renew.pushed": 1.0}
+    values |= {"renew.worst": 1e6, "renew.push": 0.6, "renew.pushed": 1.0}
     settings = with_values(search_settings(task), {**values, "renew.seconds": 4.0})
     work = Workspace(task, settings, 0, partial(optimize_all, task))
     policy = replace(reaching(task, 0.0).policy, parameters=np.array([4.0, 0.0, 0.0]))
@@ -232,14 +234,18 @@ def test_new_situations_begin_at_most_half_way_from_a_push_to_the_fall(tmp_path)
 
 
 @pytest.mark.parametrize("lead", [0.15, 0.3])
-def test_new_situations_begin_one_to_three_times_the_lead_before_a_fall(tmp_path, lead):
+def test_new_situations_begin_one_to_three_times_the_lead_before_a_fall(
+    tmp_path, monkeypatch, lead
+):
     """A policy that accelerates by 1 m/s² falls at 1.5 m/s, so its speed tells when."""
+    monkeypatch.setattr(renewal, "_NOISE", 0.0)
+    monkeypatch.setattr(renewal, "_BEFORE_FALL", 1.0)
     text = TASK.replace("observe:", "  - {control: all, weight: 1.0e-3}\nobserve:")
     (tmp_path / "cart.xml").write_text(CART)
     (tmp_path / "task.yaml").write_text(text.replace("2.0]", "1.0]") + FALLEN)
     task = make_task(str(tmp_path))
     values = {"situations": 40, "initial_ddp_iterations": 2, "renew.share": 1.0}
-    values |= {"renew.worst": 1e6, "renew.before_fall": 1.0, "renew.noise": 0.0}
+    values |= {"renew.worst": 1e6}
     settings = with_values(search_settings(task), {**values, "renew.fall_lead": lead})
     work = Workspace(task, settings, 0, partial(optimize_all, task))
     policy = reaching(task, 0.0).policy

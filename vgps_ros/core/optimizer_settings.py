@@ -126,12 +126,6 @@ class FitSettings:
         100, "optimiser iterations; gauss_newton ends before, once it has converged", minimum=1,
         maximum=1_000_000,
     )  # fmt: skip
-    tolerance: float = setting(
-        1e-5,
-        "least gain on new samples that is worth another iteration of gauss_newton [nat]",
-        minimum=0.0,
-        maximum=1.0,
-    )
     retries: int = setting(
         0,
         "shorter steps that gauss_newton takes in all after steps of less gain, before it ends; "
@@ -159,11 +153,4 @@ class FitSettings:
         "no policy stays short of the limit",
         minimum=0.0,
         maximum=10.0,
-    )
-    resample_every: int = setting(
-        25,
-        "LBFGS iterations between new samples, 20 to 50 in the paper; gauss_newton draws anew "
-        "every iteration",
-        minimum=1,
-        maximum=1_000_000,
     )

@@ -32,6 +32,9 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_network import LEAST_NOISE, Standardization, minimize_lbfgs
 from vgps_ros.core.records import Array, TrajectoryDistribution
 
+_LEAST_GAIN = 1e-5  # on new samples that is worth another step of Gauss and Newton [nat]
+_RESAMPLE_EVERY = 25  # LBFGS iterations between new samples, 20 to 50 in the paper
+
 
 @dataclass(frozen=True)
 class Targets:
@@ -220,8 +223,8 @@ def fit_to_targets(
     theta = scaling.to_standard(policy.parameters)
     losses = (fit_loss(scaling, targets) for targets in samples)
     if settings.optimizer == "gauss_newton":
-        iterations, tolerance, retries = settings.iterations, settings.tolerance, settings.retries
-        theta = minimize_gauss_newton(theta, losses, iterations, tolerance, retries)
+        iterations, retries = settings.iterations, settings.retries
+        theta = minimize_gauss_newton(theta, losses, iterations, _LEAST_GAIN, retries)
     else:
         theta = _fit_lbfgs(theta, losses, settings)
     parameters = scaling.to_raw(theta)
@@ -243,8 +246,8 @@ def with_best_noise(policy: GaussianPolicy, targets: Targets) -> GaussianPolicy:
 
 def _fit_lbfgs(theta: Array, losses: Iterator[FitLoss], settings: FitSettings) -> Array:
     """LBFGS, which begins anew with new samples."""
-    for start in range(0, settings.iterations, settings.resample_every):
-        iterations = min(settings.resample_every, settings.iterations - start)
+    for start in range(0, settings.iterations, _RESAMPLE_EVERY):
+        iterations = min(_RESAMPLE_EVERY, settings.iterations - start)
         theta = minimize_lbfgs(theta, next(losses).value_and_gradient, iterations)
     return theta
 

@@ -61,12 +61,6 @@ class CommandSettings:
     still: float = setting(
         0.12, "share of the situations in which all commands are at rest", minimum=0.0, maximum=1.0
     )
-    change: float = setting(
-        0.0,
-        "share of the situations in which all commands are drawn anew on the way",
-        minimum=0.0,
-        maximum=1.0,
-    )
 
 
 @dataclass(frozen=True)

@@ -225,7 +225,7 @@ Distributions: TypeAlias = Sequence[TrajectoryDistribution]
 # A step that loses less than this share of the bound is within the error of averages over samples.
 _TOLERANCE = 1e-3
 _REMEDIES = {
-    "M-step": "raise fit.samples_per_step or lower fit.tolerance",
+    "M-step": "raise fit.samples_per_step or fit.iterations",
     "q-step": "raise policy_samples or ddp_iterations",
 }
 

@@ -48,6 +48,8 @@ from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import disturb_task, draw_disturbance
 
 _AFTER_PUSH = 0.5  # [s]
+_NOISE = 0.5  # factor on the policy's noise
+_BEFORE_FALL = 0.6  # share of the falls shortly before which a situation begins, not anywhere
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _LEAST_OBEYED = 0.25  # share of the new situations, without a fall, that begin where it obeys least
 _TOLD_ANEW = 0.5  # share of the others with new commands, where there was no fall
@@ -175,7 +177,7 @@ def _new_situation(
     elif 0 < end < fall:
         latest = min(round(_AFTER_PUSH / period), (fall - end) // 2 if fall < steps else steps)
         at = min(end + int(rng.integers(1 + latest)), fall - 1)
-    elif fall < steps and rng.uniform() < settings.renew.before_fall:
+    elif fall < steps and rng.uniform() < _BEFORE_FALL:
         at = max(0, fall - int(rng.integers(late, max(early, late + 1))))
     else:
         at = int(rng.integers(max(1, fall - late if fall < steps else steps)))
@@ -237,7 +239,7 @@ def _driven(
     change = min(steps, round(rng.uniform(*_CHANGE) / period))
     commands = np.concatenate([np.tile(first, (change, 1)), np.tile(later, (steps - change, 1))])
     phases = signals.phases(steps, rng.uniform())
-    here, noise = disturb_task(task, disturbance), settings.renew.noise * policy.noise_std
+    here, noise = disturb_task(task, disturbance), _NOISE * policy.noise_std
     context, unrest = signals.context(commands, phases), here.unrest
     states, controls = here.dynamics.execute(
         policy,

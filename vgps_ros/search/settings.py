@@ -138,19 +138,6 @@ class RenewalSettings:
         minimum=1e-3,
         maximum=1e4,
     )
-    noise: float = setting(
-        0.5,
-        "factor on the policy's noise in that motion",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    before_fall: float = setting(
-        0.6,
-        "share of the motions with a fall whose situation begins shortly before it; the others "
-        "begin anywhere before it",
-        minimum=0.0,
-        maximum=1.0,
-    )
     fall_lead: float = setting(
         0.3,
         "time before a fall after which no situation begins; shortly before it is up to three "

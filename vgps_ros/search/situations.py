@@ -98,13 +98,10 @@ def initial_states(task: Task, settings: SearchSettings, seed: int) -> list[Arra
 
 
 def drawn_context(task: Task, settings: SearchSettings, rng: np.random.Generator) -> Array:
-    """Draws commands, which may change once on the way, and the clock's first phase, (T, n_z)."""
-    signals, steps = task.signals, task.planned_horizon
-    phase, share, when = rng.uniform(size=3)
-    before, after = (signals.draw(rng, settings.commands) for _ in range(2))
-    change = int(when * steps) if share < settings.commands.change else steps
-    commands = np.concatenate([np.tile(before, (change, 1)), np.tile(after, (steps - change, 1))])
-    return signals.context(commands, signals.phases(steps, phase))
+    """Draws commands and the clock's first phase, (T, n_z)."""
+    phase, _, _ = rng.uniform(size=3)  # as many as ever, so that seeds mean the same
+    commands = task.signals.draw(rng, settings.commands)
+    return task.signals.held(commands, task.planned_horizon, phase)
 
 
 def _situation(
