@@ -3,6 +3,7 @@
 
 import json
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -50,6 +51,18 @@ def test_a_swimmer_at_rest_stays_and_its_steps_cost_1(evaluated):
     assert result["distance"]["mean"] == 0.0
     assert result["cost_per_step"]["mean"] == pytest.approx(1.0)
     assert result["time"]["median"] == pytest.approx(1.0)
+
+
+def test_an_arm_is_judged_by_how_far_from_its_target_it_ends(evaluated):
+    task = make_task("arm")
+    data = mujoco.MjData(task.dynamics.model)
+    data.qpos[:] = task.initial_state[: task.dynamics.model.nq]
+    mujoco.mj_forward(task.dynamics.model, data)
+    misses = np.abs(data.site("hand").xpos - [0.45, 0.35, 0.45])
+    result = evaluated("arm", "--perturbation", "0", "--seconds", "0.02")
+    found = [result["misses"][f"hand/{axis}"]["largest"] for axis in "xyz"]
+    np.testing.assert_allclose(found, misses, atol=1e-9)
+    assert evaluated("swimmer")["misses"] == {}
 
 
 def test_noise_and_perturbations_are_drawn_from_the_seed(evaluated):

@@ -135,8 +135,10 @@ def _show(result: dict[str, Any], console: "Console", task: "Task") -> None:
         title=f"{result['task']}, {policy} policy, {result['rollouts']} rollouts of "
         f"{result['seconds']:g} s{survival}",
     )
-    for key, name in FIGURES.items():
-        table.add_row(name, *(f"{value:.3f}" for value in result[key].values()))
+    rows = {name: result[key] for key, name in FIGURES.items()}
+    rows |= {f"{name}, from its target at the end": each for name, each in result["misses"].items()}
+    for name, values in rows.items():
+        table.add_row(name, *(f"{value:.3f}" for value in values.values()))
     console.print(table)
     _show_robustness(result, console)
 

@@ -81,7 +81,9 @@ def measure_driving(
 ) -> dict[str, Any]:
     """Rolls a policy out from perturbed starts, with all commands at rest.
 
-    Distance, speed and cost are those up to the end, or until a rollout falls or diverges.
+    Distance, speed and cost are those up to the end, or until a rollout falls or diverges. Of a
+    robot that stays in its place it also says how far from its target each reading of the cost is
+    in the last step, over the rollouts that neither fell nor diverged.
 
     Args:
         task: dynamics, cost, x_1 and what falling is.
@@ -135,8 +137,22 @@ def measure_driving(
         "seed": seed,
         "stochastic": stochastic,
         "survival": float(survived.mean()),
-        **{name: {key: float(f(values)) for key, f in SPREAD.items()} for name, values in figures},
+        **{name: _spread(values) for name, values in figures},
+        "misses": _misses(task, states[survived], controls[survived]) if task.angles[0] else {},
     }
+
+
+def _spread(values: Array) -> dict[str, float]:
+    return {key: float(f(values)) for key, f in SPREAD.items()}
+
+
+def _misses(task: Task, states: Array, controls: Array) -> dict[str, dict[str, float]]:
+    """Returns how far each reading that the cost scores is from its target in the last step."""
+    if not len(states) or task.cost.following:  # whose targets move
+        return {}
+    readings = task.cost.features(states[:, -2:-1], controls[:, -1:])[:, 0]
+    misses = np.abs(readings - np.atleast_2d(task.cost.targets)[-1]).T
+    return {name: _spread(each) for name, each in zip(task.cost_names, misses, strict=True)}
 
 
 def perturbed_starts(
