@@ -22,7 +22,7 @@ import numpy as np
 
 from vgps_ros.core.checks import known, matching, one_of, quote, told
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.simulation.model import MUJOCO_ERRORS, check_text
+from vgps_ros.simulation.model import MUJOCO_ERRORS
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
 
 Place = tuple[str | int, ...]
@@ -74,9 +74,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         InvalidChangeError: the model does not compile, or a change does not suit it.
     """
     try:
-        check_text(path.read_bytes(), path.parent)
         spec = mujoco.MjSpec.from_file(str(path))
-    except (*MUJOCO_ERRORS, OSError) as error:
+    except MUJOCO_ERRORS as error:
         sentence = f"the model is no valid MJCF: {told(error)}."
         raise InvalidChangeError(("model",), sentence) from error
     name_all(spec)

@@ -27,8 +27,10 @@ from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
     joint_names,
+    no_files,
     scalar_names,
     sensor_numbers,
+    try_model,
 )
 from vgps_ros.simulation.model_changes import InvalidChangeError, changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
@@ -67,7 +69,7 @@ def load_task(path: Path, name: str) -> Task:
     file, document = read_task_file(path)
     mjcf = model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
-    model = compile_model(mjcf, is_own=True)
+    model = compile_model(mjcf, is_tried=True)
     with document.at(("model",)):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
     signals, std = _signals(file), file.start.std
@@ -463,19 +465,27 @@ def model_text(task: TaskFile, document: Document) -> str:
     """Returns the model as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
-    orientation of its inertias in the last bits.
+    orientation of its inertias in the last bits. Another process makes it, but of a built-in task.
 
     Raises:
-        InvalidInputError: as `model_spec` does.
+        InvalidInputError: as `model_spec` does, or the model asks for too much.
     """
-    spec = model_spec(task, document)
-    if task.changes == Changes() and not task.sensors:
-        with suppress(InvalidInputError, UnicodeDecodeError):
-            text = find_model(task, document).read_text()
-            compile_model(text, is_own=True)
-            return text
-    with document.at(("model",)):
-        return self_contained(spec)
+    path = find_model(task, document)
+    is_built_in = path.is_relative_to(Path(__file__).parent)
+
+    def text() -> str:
+        spec = model_spec(task, document)
+        if task.changes == Changes() and not task.sensors:
+            with suppress(InvalidInputError, UnicodeDecodeError):
+                own = path.read_text()
+                if not is_built_in:
+                    with no_files():
+                        compile_model(own, is_tried=True)
+                return own
+        with document.at(("model",)):
+            return self_contained(spec)
+
+    return text() if is_built_in else try_model(text)
 
 
 def start_state(start: Start, model: mujoco.MjModel, document: Document) -> Array:
