@@ -148,34 +148,17 @@ def test_damaged_files_are_read_or_refused_with_a_sentence(tmp_path, kind):
 @pytest.mark.parametrize(
     ("inside", "sentence"),
     [
-        ('<include file="/etc/hostname"/>', "refers to the file '/etc/hostname'"),
-        ('<asset><mesh name="m" file="/etc/hostname"/></asset>', "refers to the file"),
         ("<worldbody/>", "has no joint"),
         ('<worldbody><body><joint/><geom size="1"/></body></worldbody>', "joints have no name"),
         ('<worldbody><body><freejoint/><geom size="1"/></body></worldbody>', "joints have no name"),
         ('<size memory="8E"/><worldbody/>', "does not compile"),
-        ('&x;<include file="/etc/hostname"/>', "is no XML that can be checked .*mend the text"),
-        ('<replicate count="20000"><geom/></replicate>', "asks for 20000 copies in <replicate>"),
-        (
-            '<replicate count="200"><replicate count=" +200 "><geom/></replicate></replicate>',
-            "asks for 40000 copies",
-        ),
-        ('<flexcomp count="100 100 100"/>', "asks for 1000000 copies"),
-        ('<replicate a="" a="" count="20000"/>', "is no XML that can be checked"),
-        ('<asset><hfield nrow="20000" ncol="20000"/></asset>', "400000000 numbers in <hfield>"),
-        (f'<size nuser_body="{"9" * 30}"/>', "asks for 999999999999 numbers in <size>"),
+        ('<include file="/etc/hostname"/>', "must need no file, does not compile"),
+        ('<asset><mesh name="m" file="/etc/hostname"/></asset>', "must need no file"),
     ],
 )
 def test_a_model_as_text_must_hold_a_whole_robot(inside, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
         compile_model(f"<mujoco>{inside}</mujoco>")
-
-
-def test_a_document_type_hides_nothing_of_a_model():
-    within = "<!ENTITY a \"><mujoco><asset><mesh file='/etc/hostname'/></asset></mujoco><!--\">"
-    text = f"<!DOCTYPE mujoco [{within}]><mujoco/><!-- -->"
-    with pytest.raises(InvalidInputError, match="it declares a document type"):
-        compile_model(text)
 
 
 @pytest.mark.parametrize("name", ["metadata.yaml", "bag_0.mcap"])

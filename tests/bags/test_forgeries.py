@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message, serialize_message
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 from tests.bags.altered import _STORE, SAMPLE, messages_of, rewritten
 from vgps_ros.bags import BagReader
@@ -24,7 +24,7 @@ from vgps_ros.messages.conversions import nanoseconds, policy_from_msg
 from vgps_ros.simulation.forces import BodyFrames, JointForces
 from vgps_ros.tasks import make_task
 
-KIND = "sensor_msgs/msg/JointState"
+KIND, BOOL = "sensor_msgs/msg/JointState", "std_msgs/msg/Bool"
 STATES, COMMANDS, PUSH = "/joint_states", "/joint_command", "geometry_msgs/msg/WrenchStamped"
 SWIMMER = make_task("swimmer")
 
@@ -249,6 +249,64 @@ def other_efforts():
     return joints(change, STATES)
 
 
+def no_efforts():
+    def change(message):
+        if at(message.header.stamp, 4.0):
+            message.effort = np.empty(0)
+
+    return joints(change, STATES)
+
+
+def far_apart():
+    """Each state comes 46 days after the one before."""
+
+    def change(message):
+        put_stamp(message, nanoseconds(message.header.stamp) * 80_000_000)
+
+    return joints(change, STATES, COMMANDS)
+
+
+def two_robots():
+    """The same text with a space more, which somebody published as well."""
+    found = list(messages_of())
+    first = next(m for m in found if m.topic == "/mjcf_description")
+    text = deserialize_message(first.data, String).data
+    return [*found, replace(first, data=serialize_message(String(data=text + " ")))]
+
+
+def noise_scaled():
+    changed = []
+    with BagReader(SAMPLE) as bag:
+        for message in messages_of():
+            data = message.data
+            if message.topic == "/policy":
+                old = np.array(bag.decode(message).noise_std)
+                data = data.replace(old.tobytes(), (2.0 * old).tobytes())
+                assert data != message.data
+            changed.append(replace(message, data=data))
+    return changed
+
+
+def received_faster():
+    first = min(m.stamp for m in messages_of())
+    return [replace(m, stamp=first + (m.stamp - first) // 10) for m in messages_of()]
+
+
+def twice():
+    again = [m for m in messages_of() if m.topic in (STATES, COMMANDS)]
+    return [*messages_of(), *again]
+
+
+def stopped_amid_driving():
+    received = next(
+        m.stamp
+        for m in messages_of()
+        if m.topic == STATES and at(joint_state(m.data).header.stamp, 4.0)
+    )
+    data = serialize_message(Bool(data=True))
+    return [*messages_of(), BagMessage("/emergency_stop", BOOL, received, data)]
+
+
 def excused_by_a_push():
     def change(message):
         if at(message.header.stamp, 4.0):
@@ -271,6 +329,9 @@ WRONG = {
     "a torque zeroed by a safe action": (no_torque, f"1 {FOLLOW}"),
     "a longer link": (longer_link, FOLLOW),
     "efforts changed": (other_efforts, "tell efforts that are not those of their controls"),
+    "efforts left out": (no_efforts, "tell efforts that are not those of their controls"),
+    "stamps far apart": (far_apart, "a state comes 4e\\+06 s too late|states do not follow"),
+    "two robots": (two_robots, "2 different robots are on mjcf_description"),
     "a push that excuses": (excused_by_a_push, FOLLOW),
 }
 MISSING = {
@@ -279,12 +340,16 @@ MISSING = {
 NOT_PROVED = {
     "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
     "each state put elsewhere": (jumps, "how 500 motions begin"),
+    "noise of a policy that has none": (noise_scaled, "the noise of policies that drove without"),
+    "received ten times faster": (received_faster, "when and how often each message came"),
+    "messages twice": (twice, "when and how often each message came"),
+    "an emergency stop amid driving": (stopped_amid_driving, "all other topics"),
     "simulated elsewhere": (lambda: told(simulated()), "a simulation that was computed elsewhere"),
 }
 
 
 def checked(tmp_path, messages) -> BagCheck:
-    definitions = {PUSH: MessageDefinitions().find(PUSH)}
+    definitions = {kind: MessageDefinitions().find(kind) for kind in (PUSH, BOOL)}
     bag = rewritten(tmp_path / "bag", messages, definitions=definitions, texts=other_commit)
     return check_bag(bag)
 

@@ -1,6 +1,10 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Trajectory distributions in files."""
 
+import os
+import resource
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -61,6 +65,31 @@ def test_a_wrong_file_is_refused_with_a_sentence(random_distribution, tmp_path):
     with file.open("wb") as stream:
         np.save(stream, np.eye(2))
     refused("holds no distributions")
+    no_states = np.empty((10**9, 0, 3))
+    np.savez(file, **{**dict.fromkeys(good, no_states), "controls": np.empty((10**9, 0, 1))})
+    refused("it has no states")
+
+
+def test_an_archive_takes_no_more_memory_than_its_file_has_bytes(random_distribution, tmp_path):
+    file = tmp_path / "q.npz"
+    save_distributions([random_distribution()], "swimmer", file)
+    with np.load(file) as loaded:
+        good = dict(loaded)
+    np.savez_compressed(file, **{**good, "gains": np.zeros((50, 1000, 1000))})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InvalidInputError, match=r"bytes would become 4000.*save it uncompressed"):
+        load_distributions(file)
+    # An array that says that it is larger than what follows.
+    header = {"descr": "<f8", "fortran_order": False, "shape": (10**8,)}
+    with zipfile.ZipFile(file, "w") as archive, archive.open("states.npy", "w") as member:
+        np.lib.format.write_array_header_1_0(member, header)
+        member.write(bytes(80))
+    with pytest.raises(InvalidInputError, match=r"EOF|allocate"):
+        load_distributions(file)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # [KiB]
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(InvalidInputError, match="no plain file"):
+        load_distributions(tmp_path / "pipe.npz")
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -49,7 +49,7 @@ from vgps_ros.messages.conversions import (
     signals_from_msg,
     wrench_from_msg,
 )
-from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
+from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT, MJCF
 from vgps_ros.messages.robot_state import IMU, JOINTS, ODOMETRY, StateMessages
 from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.search.settings import search_settings
@@ -63,8 +63,10 @@ from vgps_ros.tasks.task import Task
 STATE_TOLERANCE = 1e-6  # between states, for each number relative to it where it is above 1
 # What no recomputation proves, in the last sentence of a check.
 UNPROVED = (
-    "the first state of a motion, when, where and by whom it was recorded, the commit, all other "
-    "topics, and all else of the training; a simulation that was computed elsewhere would pass too"
+    "the first state of a motion, when, where and by whom it was recorded, when and how often each "
+    "message came, the noise of policies that drove without it, that commands told at rest were at "
+    "rest, the commit, all other topics, and all else of the training; a simulation that was "
+    "computed elsewhere would pass too"
 )
 # Time by which a bag may hold a command and the answer that used it in another order [ns].
 _COMMAND_WINDOW = 250_000_000
@@ -92,6 +94,9 @@ def check_bag(
     with BagReader(path, namespace) as bag:
         found.wrong += bag.damages
         model = compile_model(bag.mjcf())
+        robots = {message.data for _, message in bag.decoded(bag.needed_topic(MJCF))}
+        if len(robots) > 1:
+            found.wrong.append(f"{len(robots)} different robots are on {MJCF}")
         executor = RecordedExecutor(bag, model)
         robot, motions = StateMessages(state_layout(model), **executor.frames), []
         # A real robot may have no odometry.
@@ -237,8 +242,10 @@ def _check_steps(
     found.unproved += [f"how {len(motions)} motions begin"] * (len(motions) > 1)
     if not pairs:
         return
-    model = executor.model
-    period = float(np.median([after.stamp - before.stamp for before, after in pairs]))
+    model, period = executor.model, executor.period
+    if not period:
+        found.unproved.append("the states, since no task tells the time between two")
+        return
     dynamics = Dynamics(model, max(1, round(period * 1e-9 / model.opt.timestep)), threads=1)
     forces, joints, names = JointForces(model), joint_names(model), state_names(model)
     controls = defaultdict[int, list[Stamped]](list)
@@ -255,10 +262,11 @@ def _check_steps(
             off.append((dynamics.step(before.values, control, push) - after.values) / scale)
             if np.abs(off[-1]).max() > STATE_TOLERANCE:
                 continue
-            if len(after.joints.effort):
-                due, told = forces(before.values, control), efforts_from_msg(after.joints, joints)
-                if not np.allclose(told, due, rtol=STATE_TOLERANCE, atol=STATE_TOLERANCE):
-                    efforts.append(f"{at} they are {told.tolist()}, not {due.tolist()}")
+            due = forces(before.values, control)
+            is_told = len(after.joints.effort) > 0
+            told = efforts_from_msg(after.joints, joints) if is_told else np.full_like(due, np.nan)
+            if not np.allclose(told, due, rtol=STATE_TOLERANCE, atol=STATE_TOLERANCE):
+                efforts.append(f"{at} they are {told.tolist()}, not {due.tolist()}")
             break
         else:
             unanswered += not off

@@ -62,7 +62,7 @@ def _locks(given: list[str]) -> dict[str, Any]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
-    from vgps_ros.simulation.model import compile_model
+    from vgps_ros.simulation.model import compile_model, try_model
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, shorten
     from vgps_ros.wizard.first_task import first_task_file
@@ -81,7 +81,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     def compiled(**more: Any) -> "mujoco.MjModel":
         changes.update(more)
-        return compile_model(self_contained(changed_spec(found, changes, {})), is_own=True)
+        text = try_model(lambda: self_contained(changed_spec(found, changes, {})))
+        return compile_model(text, is_tried=True)
 
     try:
         model = compiled()

@@ -5,19 +5,16 @@ A sensor's values are named after it: `touch` if there is one, `velocity/x` to `
 are three, `attitude/w` to `attitude/z` for a quaternion, and `fromto/0`, `fromto/1`, ... otherwise.
 """
 
-import math
 import multiprocessing
-import re
 import resource
 import sys
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from functools import lru_cache
 from itertools import product
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -41,32 +38,51 @@ _COORDINATES: dict[mujoco.mjtJoint, tuple[tuple[str, ...], tuple[str, ...], tupl
     _JOINT.mjJNT_SLIDE: (("position",), ("velocity",), ("position",)),
     _JOINT.mjJNT_HINGE: (("position",), ("velocity",), ("position",)),
 }
-_SECONDS, _BYTES = 10, 2 << 30  # that a text may take which is not the user's own
+_SECONDS, _OWN_SECONDS = 10, 60  # of a processor: for a text of others, for the user's files
+_BYTES = 2 << 30  # that a child process may take to compile a model, beyond what it inherits
+_ITERATIONS = (
+    *("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations"),
+    *("sdf_iterations", "sdf_initpoints"),
+)
+_MOST_ITERATIONS = 10_000  # of a solver, since a step may take them all
+_REFUSED = b"-"  # begins the answer of such a process that is a sentence
 MUJOCO_ERRORS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 _AXES = {1: ("",), 3: ("/x", "/y", "/z"), 4: ("/w", "/x", "/y", "/z")}
 
 
-def compile_model(mjcf: str, *, is_own: bool = False) -> mujoco.MjModel:
-    """Returns the model of an MJCF text.
+def compile_model(mjcf: str, *, is_tried: bool = False) -> mujoco.MjModel:
+    """Returns the model of an MJCF text, which needs no file.
 
     Args:
         mjcf: the text.
-        is_own: whether it is the user's own, and no message's or bag's, which another process tries
-            before.
+        is_tried: whether `try_model` returned it, or it was made of such a text; any other text is
+            compiled by another process first.
 
     Raises:
         InvalidInputError: the text does not compile, refers to files or asks for too much, or
             a joint lacks its name.
     """
-    check_text(mjcf)
-    if not is_own:
-        _try(mjcf)
+    if not is_tried:
+        _try_text(mjcf)
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
         mujoco.MjData(model)
     except MUJOCO_ERRORS as error:
-        raise InvalidInputError(f"The robot's MJCF does not compile: {told(error)}.") from error
+        raise InvalidInputError(
+            f"The robot's MJCF, which must need no file, does not compile: {told(error)}."
+        ) from error
     _check_awake(model)  # some of its functions end the process where bodies sleep
+    if not 1e-7 <= (step := model.opt.timestep) <= 10.0:
+        raise InvalidInputError(
+            f"The robot's MJCF has a timestep of {step:g} s, but it must be from 1e-7 to 10 s; "
+            "0.002 s is usual."
+        )
+    for name in _ITERATIONS:
+        if (count := getattr(model.opt, name)) > _MOST_ITERATIONS:
+            raise InvalidInputError(
+                f"The robot's MJCF has {count} {name} of a solver, but {_MOST_ITERATIONS} are the "
+                "most; 100 are usual."
+            )
     if not model.njnt:
         raise InvalidInputError(
             "The model has no joint, so nothing in it can move; each body that shall move against "
@@ -81,37 +97,82 @@ def compile_model(mjcf: str, *, is_own: bool = False) -> mujoco.MjModel:
 
 
 @lru_cache(maxsize=16)
-def _try(mjcf: str) -> None:
-    """Compiles a text in a process of its own, which has little time and memory.
+def _try_text(mjcf: str) -> None:
+    try_model(lambda: mjcf, reads_files=False)
+
+
+def try_model(make: Callable[[], str], *, reads_files: bool = True) -> str:
+    """Returns the MJCF text of a robot that a function makes, if it suits a small process.
+
+    The function runs in a child process, which also compiles the text. What a model asks for is not
+    to be told from its text, so this limits time and memory, and whether files can be opened.
+
+    Args:
+        make: the function.
+        reads_files: whether the function may open files; the text that it returns needs none.
 
     Raises:
-        InvalidInputError: it does not compile there.
+        InvalidInputError: the function raises one, the text does not compile, or asks for too much.
     """
     processes = multiprocessing.get_context("fork")  # which takes milliseconds
     found, finds = processes.Pipe(duplex=False)
-    child = processes.Process(target=_compile_within_limits, args=(mjcf, finds), daemon=True)
+    seconds = _OWN_SECONDS if reads_files else _SECONDS
+    arguments = (seconds, reads_files, make, finds)
+    child = processes.Process(target=_make_within, args=arguments, daemon=True)
     child.start()
     finds.close()
-    said = f"it takes more than {_SECONDS} s or {_BYTES >> 30} GiB, or ends its process"
-    with suppress(EOFError):
-        said = found.recv() if found.poll(3 * _SECONDS) else said
-    child.kill()
-    child.join()
-    if said:
-        raise InvalidInputError(f"The robot's MJCF does not compile: {said}.")
+    try:
+        answer = found.recv_bytes() if found.poll(3 * seconds) else b""
+    except EOFError:
+        answer = b""
+    finally:
+        child.kill()
+        child.join()
+    if not answer:
+        raise InvalidInputError(
+            f"The robot's MJCF does not compile: it takes more than {seconds} s or "
+            f"{_BYTES >> 30} GiB, or ends its process; leave out large meshes, copies and sizes."
+        )
+    if (text := answer[1:].decode()) and answer[:1] == _REFUSED:
+        raise InvalidInputError(text)
+    return text
 
 
-def _compile_within_limits(mjcf: str, finds: Connection) -> None:
+def _make_within(
+    seconds: int, reads_files: bool, make: Callable[[], str], finds: Connection
+) -> None:
+    """Sends what a function makes, or the sentence of its error, within limits."""
     if sys.platform == "linux":  # macOS limits no process's memory
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (used + _BYTES, used + _BYTES))
-    resource.setrlimit(resource.RLIMIT_CPU, (_SECONDS, _SECONDS))
+        _limit(resource.RLIMIT_AS, used + _BYTES)
+    _limit(resource.RLIMIT_CPU, seconds)
     try:
-        model = mujoco.MjModel.from_xml_string(mjcf)
-        mujoco.mj_forward(model, mujoco.MjData(model))
-        finds.send("")
-    except MUJOCO_ERRORS as error:
-        finds.send(told(error))
+        with nullcontext() if reads_files else no_files():
+            text = make()
+        with no_files():
+            model = compile_model(text, is_tried=True)
+            mujoco.mj_forward(model, mujoco.MjData(model))
+        finds.send_bytes(b"+" + text.encode())
+    except InvalidInputError as error:
+        finds.send_bytes(_REFUSED + str(error).encode())
+
+
+def _limit(kind: int, most: int) -> None:
+    """Limits what this process may take of something, which may be limited already."""
+    _, hard = resource.getrlimit(kind)
+    least = most if hard == resource.RLIM_INFINITY else min(most, hard)
+    resource.setrlimit(kind, (least, hard))
+
+
+@contextmanager
+def no_files() -> Iterator[None]:
+    """Lets this process open no file within a block."""
+    former = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (0, former[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, former)
 
 
 def _check_awake(model: mujoco.MjModel) -> None:
@@ -477,97 +538,3 @@ def _is_level(model: mujoco.MjModel, data: mujoco.MjData, axis: np.ndarray) -> b
         if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_PLANE or abs(normal @ axis) > 1e-12:
             return False
     return True
-
-
-# What an element may ask for: the product, or the largest, of the numbers in some attributes.
-_MOST_COPIES = 5_000
-_MOST_NUMBERS = 2**24  # of a height field, a picture, users or a sensor
-_MOST_PARTS = 200  # of the side of a mesh that is computed, whose hull then takes a second
-_MOST_STEPS = 10_000  # of a solver, and of a simulation that finds an actuator's range
-_SIZES = (
-    *("nrow", "ncol", "width", "height", "dim", "nuserdata", "nsample", "num", "resolution"),
-    *("cellcount", "gridsize"),
-)
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?|nan|inf", re.IGNORECASE)
-
-
-def check_text(mjcf: str | bytes, folder: Path | None = None) -> None:
-    """Refuses a model that asks for a huge size, and references to files.
-
-    Args:
-        mjcf: the text.
-        folder: where the text's file is; None: the text must hold all, since files are private.
-
-    Raises:
-        InvalidInputError: the text has one, asks for too much, or cannot be checked.
-    """
-    robot, included = _parse(mjcf), set[Path]()
-    keys, within = ("assetdir", "meshdir", "texturedir"), folder or Path()
-    named = {compiler.get(key, "") for compiler in robot.iter("compiler") for key in keys}
-    waiting = [(robot, 1.0)]
-    while waiting:
-        element, copies = waiting.pop()
-        for file in [value for name, value in element.items() if name.startswith("file") and value]:
-            if folder is None:
-                raise InvalidInputError(
-                    f"The robot's MJCF refers to the file {quote(file)}, but its text must "
-                    "hold all of the robot; leave out meshes, textures and includes."
-                )
-            for path in {within / each / file for each in ("", *named)} - included:
-                if not path.exists():
-                    continue
-                if not path.is_file():
-                    raise InvalidInputError(f"'{path}', which the MJCF names, is no plain file.")
-                included.add(path)
-                if element.tag == "include":
-                    waiting.append((_parse(path.read_bytes()), copies))
-        copies *= _product_of_attributes(
-            element, "count", "nkey"
-        )  # of what stands in a copied one, too
-        numbers = _product_of_attributes(
-            element, *_SIZES, *(name for name in element.attrib if "nuser_" in name)
-        )
-        if element.tag == "texture" and element.get("type") != "2d":  # a cube's six squares
-            numbers = max(numbers, 6 * _product_of_attributes(element, "width") ** 2)
-        step = float(*_NUMBER.findall(element.get("timestep", "0.01"))[:1])
-        if not 1e-7 <= step <= 10.0:
-            raise InvalidInputError(
-                f"The robot's MJCF has a timestep of {step:g} s in <{element.tag}>, but it must be "
-                "from 1e-7 to 10 s; 0.002 s is usual."
-            )
-        times = [name for name in element.attrib if name.endswith(("iterations", "points"))]
-        for asked, most, what in (
-            (copies, _MOST_COPIES, "copies"),
-            (numbers, _MOST_NUMBERS, "numbers"),
-            (_product_of_attributes(element, "params", of=max), _MOST_PARTS, "parts of a side"),
-            (_product_of_attributes(element, *times, of=max), _MOST_STEPS, "steps of a solver"),
-            (_product_of_attributes(element, "inttotal") / step, _MOST_STEPS, "time steps"),
-        ):
-            if not asked <= most:
-                raise InvalidInputError(
-                    f"The robot's MJCF asks for {min(asked, 10**12 - 1):.0f} {what} in "
-                    f"<{element.tag}>, but {most} are the most; make it smaller."
-                )
-        waiting += ((inner, copies) for inner in element)
-
-
-def _parse(mjcf: str | bytes) -> ElementTree.Element:
-    """Returns the root of a text."""
-    try:
-        if isinstance(mjcf, str) and "<!DOCTYPE" in mjcf:
-            # within which MuJoCo's XML begins earlier than the standard's
-            raise ElementTree.ParseError("it declares a document type")
-        return ElementTree.fromstring(mjcf)
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InvalidInputError(
-            f"The robot's MJCF does not compile: it is no XML that can be checked "
-            f"({told(error)}); mend the text there."
-        ) from error
-
-
-def _product_of_attributes(
-    element: ElementTree.Element, *names: str, of: Callable[[list[float]], float] = math.prod
-) -> float:
-    """Returns the product of an element's numbers in attributes of these names; 1 of none."""
-    words = [word for name in names for word in _NUMBER.findall(element.get(name, ""))]
-    return of([abs(float(word)) for word in words] or [1.0])

@@ -21,7 +21,7 @@ import numpy as np
 
 from vgps_ros.core.checks import known, matching, one_of, quote, told
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry
-from vgps_ros.simulation.model import MUJOCO_ERRORS, check_text
+from vgps_ros.simulation.model import MUJOCO_ERRORS
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
 
 Values = Mapping[str, Any]
@@ -48,9 +48,8 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         InvalidEntryError: the model does not compile, or a change does not suit it.
     """
     try:
-        check_text(path.read_bytes(), path.parent)
         spec = mujoco.MjSpec.from_file(str(path))
-    except (*MUJOCO_ERRORS, OSError) as error:
+    except MUJOCO_ERRORS as error:
         sentence = f"the model is no valid MJCF: {told(error)}."
         raise InvalidEntryError(("model",), sentence) from error
     name_all(spec)

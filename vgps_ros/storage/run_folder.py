@@ -112,6 +112,8 @@ def load_distributions(path: Path) -> tuple[list[TrajectoryDistribution], str]:
     try:
         file = read_archive(path)
         (count, horizon, n_u), n_x = file["controls"].shape, file["states"].shape[-1]
+        if not file["states"].size:
+            raise ValueError("it has no states")
         sizes = {"n_x": n_x, "n_dx": file["gains"].shape[-1], "n_u": n_u}
         sizes["n_z"] = file["context"].shape[-1]
         shapes = array_shapes(TrajectoryDistribution, T=horizon, **sizes)

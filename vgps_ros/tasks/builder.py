@@ -27,8 +27,10 @@ from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
     joint_names,
+    no_files,
     scalar_names,
     sensor_numbers,
+    try_model,
 )
 from vgps_ros.simulation.model_changes import changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
@@ -71,9 +73,9 @@ def load_task(path: Path, name: str) -> Task:
 
 def _build(file: TaskFile, document: Document, name: str) -> Task:
     folder = document.folder
-    mjcf = model_text(file, folder)
+    mjcf = model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
-    model = compile_model(mjcf, is_own=True)
+    model = compile_model(mjcf, is_tried=True)
     with at_entry("model"):
         dynamics = Dynamics(model, round(file.control_period / model.opt.timestep))
     signals, std = _signals(file), file.start.std
@@ -458,23 +460,36 @@ def model_spec(task: TaskFile, folder: Path) -> mujoco.MjSpec:
     return spec
 
 
-def model_text(task: TaskFile, folder: Path) -> str:
+def model_text(task: TaskFile, document: Document) -> str:
     """Returns the model as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
-    orientation of its inertias in the last bits.
+    orientation of its inertias in the last bits. Another process makes it, but of a built-in task.
 
     Raises:
-        InvalidEntryError: as `model_spec` does.
+        InvalidInputError: the model does not compile or asks for too much, or a change names what
+            it lacks.
     """
-    spec = model_spec(task, folder)
-    if task.changes == Changes() and not task.sensors:
-        with suppress(InvalidInputError, UnicodeDecodeError):
-            text = find_model(task.model, folder).read_text()
-            compile_model(text, is_own=True)
-            return text
-    with at_entry("model"):
-        return self_contained(spec)
+    path = find_model(task.model, document.folder)
+    is_built_in = path.is_relative_to(Path(__file__).parent)
+
+    def text() -> str:
+        spec = model_spec(task, document.folder)
+        if task.changes == Changes() and not task.sensors:
+            with suppress(InvalidInputError, UnicodeDecodeError):
+                own = path.read_text()
+                if not is_built_in:
+                    with no_files():
+                        compile_model(own, is_tried=True)
+                return own
+        with at_entry("model"):
+            return self_contained(spec)
+
+    def text_or_error() -> str:
+        with document.name_lines():  # here, since of an error only its sentence comes back
+            return text()
+
+    return text() if is_built_in else try_model(text_or_error)
 
 
 def start_state(start: Start, model: mujoco.MjModel) -> Array:

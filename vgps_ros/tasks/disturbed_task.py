@@ -93,7 +93,7 @@ def in_closed_loops(task: Task, stiffness: Array, damping: Array) -> Task:
     if mjcf == task.mjcf:
         return task
     cost = replace(task.cost, control_weights=np.zeros_like(stiffness))
-    dynamics = Dynamics(compile_model(mjcf, is_own=True), task.dynamics.substeps)
+    dynamics = Dynamics(compile_model(mjcf, is_tried=True), task.dynamics.substeps)
     return on_dynamics(replace(task, mjcf=mjcf, cost=cost), dynamics)
 
 
