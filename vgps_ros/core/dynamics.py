@@ -175,7 +175,7 @@ class DynamicsModel(Protocol):
         """
 
     def bounds_along(self, states: Array) -> ControlBounds:
-        """Returns the controls that act in each step from states (T+1, n_x): limits, or less."""
+        """Returns the controls to use in each step from states (T+1, n_x): limits, or less."""
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""
