@@ -90,6 +90,11 @@ class StateSpace:
             carried[..., at] = jacobians[..., at] @ turns.reshape(*deviations.shape[:-1], 3, 3)
         return carried
 
+    def turns(self, deviations: Array) -> Array:
+        """Returns J (..., n_dx, n_dx): a change ε of δ (..., n_dx) is J ε in the frame of x ⊕ δ."""
+        eye = np.broadcast_to(np.eye(self.tangent_dim), (*deviations.shape, self.tangent_dim))
+        return self.carried_back(eye, deviations, by_deviation=True)
+
     @cached_property
     def plain(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The indices of the plain numbers in x, and those in δ."""
