@@ -148,7 +148,9 @@ def test_a_promise_is_the_expected_cost_of_the_step_and_its_noise(rng):
         return q.mean.controls[t] + (x - q.mean.states[t]) @ q.gains[t].T + noise[:, t]
 
     states, controls, _ = ROTOR.dynamics.rollouts(starts, law, ROTOR.horizon)
-    costs = [ROTOR.trajectory_cost(Trajectory(*each)) for each in zip(states, controls, strict=True)]
+    costs = [
+        ROTOR.trajectory_cost(Trajectory(*each)) for each in zip(states, controls, strict=True)
+    ]
     assert promised > 1.2 * ROTOR.trajectory_cost(q.mean)
     assert_allclose(promised, np.mean(costs), rtol=0.02)
 
