@@ -33,6 +33,7 @@ from benchmarks.past_the_paper import rows as past_rows
 from benchmarks.robots import ALONE, OWN, lines, robots
 from vgps_ros.core.records import Array
 from vgps_ros.search.robustness import ENOUGH
+from vgps_ros.search.seed_statistics import interquartile_mean, with_interval
 
 ROOT = Path(__file__).resolve().parents[1]
 EVIDENCE = ROOT / "docs" / "evidence"
@@ -42,6 +43,7 @@ PAGES = (
     *sorted(EVIDENCE.glob("*.md")),
     *(ROOT / "docs" / "explanation" / name for name in EXPLAINED),
 )
+FRESH = range(21, 26)  # the quadruped's seeds on which no setting was chosen
 PAST_COSTS = ("q_cost", "deterministic", "stochastic_median")
 TABLE = re.compile(r"(<!-- table: ([^\n]+) -->\n)(?s:.*?)(<!-- end of table -->)")
 NOISE = {"median": "with noise, median rollout", "mean": "with noise, mean of the rollouts"}
@@ -306,6 +308,25 @@ def robustness() -> str:
     return table(("learned from", *head, f"borne by {ENOUGH:.0%}".replace("%", " %")), rows)
 
 
+def fresh_seeds() -> str:
+    """Returns the table of the quadruped's fresh seeds, of the rows of the page on controllers."""
+    text = (
+        (EVIDENCE / "controller.md").read_text().partition("## Ten seeds")[2].partition("\n## ")[0]
+    )
+    head, *rows = (line.strip("| \n").split(" | ") for line in re.findall(r"^\|.*$", text, re.M))
+    own = [row for row in rows if row[0].isdigit() and int(row[0]) in FRESH]
+    shown = []
+    for i, name in enumerate(head[1:], start=1):
+        values = np.array([re.findall(r"\d*\.\d+", row[i]) for row in own], dtype=float)
+        band = with_interval(interquartile_mean, values)
+        triples = zip(*vars(band).values(), strict=True)
+        form = ".3f" if "error" in name else ".2f"
+        shown.append(
+            (name, ", ".join(f"{m:{form}} ({a:{form}} to {b:{form}})" for m, a, b in triples))
+        )
+    return table(("what", f"{len(own)} fresh seeds"), shown)
+
+
 def _of_others() -> list[str]:
     return [n for n in robots() if n not in OWN and not n.startswith(ALONE)]
 
@@ -321,6 +342,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "robots from a pose": lambda: motions(n for n in robots() if n.startswith(ALONE)),
     "robustness": robustness,
     "past the paper": past_the_paper,
+    "fresh seeds of the quadruped": fresh_seeds,
 }
 
 

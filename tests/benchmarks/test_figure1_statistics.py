@@ -10,9 +10,9 @@ from benchmarks.figure1.statistics import (
     iqm,
     last_multiples,
     multiples,
-    probability_of_improvement,
     profile,
 )
+from vgps_ros.search.seed_statistics import probability_of_improvement
 
 
 def test_a_policy_that_fell_or_diverged_counts_as_the_ceiling():

@@ -1,5 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from vgps_ros.core import policy_fit
 from vgps_ros.core.augmentation import Augmentation, Mirror
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
-from vgps_ros.core.policy import Architecture
+from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_fit import (
     Targets,
     draw_targets,
@@ -318,3 +319,19 @@ def test_a_sample_is_mirrored_as_often_as_not(rng):
     for twice, once in zip(mirror(swapped), samples, strict=True):
         assert_array_equal(twice, once)
     assert_array_equal(swapped[0][0], samples[0][0][[1, 0, 2]] * [1, 1, -1])
+
+
+@pytest.mark.parametrize(("residual", "precision"), [(0.01, 1.0), (1.0, 1.0), (3.0, 10.0)])
+def test_at_a_constant_alpha_the_noise_tends_to_what_the_page_on_the_method_says(
+    residual, precision
+):
+    policy = GaussianPolicy(Architecture(("x0",), (), 1), np.zeros(2), np.array([7.0]))
+    for _ in range(3000):
+        q_variance = 1.0 / (policy.noise_std[0] ** -2 + precision)  # as each q-step adds α H
+        one = np.ones((1, 1))
+        targets = Targets(one, residual * one, q_variance * one)
+        policy = with_best_noise(policy, targets)
+    told = 0.5 * (residual**2 + np.sqrt(residual**4 + 4.0 * residual**2 / precision))
+    assert_allclose(policy.noise_std[0] ** 2, told, rtol=1e-9)
+    page = (Path(__file__).parents[2] / "docs" / "explanation" / "method.md").read_text()
+    assert "tends to σ² = ½[r² + √(r⁴ + 4r²/(αH))]" in page

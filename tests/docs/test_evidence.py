@@ -12,7 +12,8 @@ from benchmarks.evidence import PAGES, TABLE, TABLES, written
 from vgps_ros.programs.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[2]
-EVIDENCE = [path for path in PAGES if path.parent.name == "evidence" and path.stem != "README"]
+PLANS = ("README", "protocol")  # what they name was not measured
+EVIDENCE = [path for path in PAGES if path.parent.name == "evidence" and path.stem not in PLANS]
 COMMIT = re.compile(r"\b(?=\d*[a-f])(?=[a-f]*\d)[0-9a-f]{7}\b")
 COMMAND = re.compile(r"(?:python -m|make|vgps) (?:benchmarks[\w.]*|[a-z][\w-]*)")
 MACHINE = re.compile(r"x86_64|aarch64")
@@ -66,6 +67,51 @@ def test_a_table_without_its_commit_is_found():
     assert "Said" in said
     assert not COMMIT.search(said)
     assert COMMIT.search(text)
+
+
+NUMBER = re.compile(r"(?<![\w.])(?:\d[\d,]*)?\.?\d+(?![\w.]*\d)")
+LINK = re.compile(r"\]\(([\w./]+\.md)")
+ITEM = re.compile(r"^- (?:.+\n)(?:  .+\n)*|^\| (?!---).+\n", re.M)
+
+
+def numbers(text: str) -> set[float]:
+    """Returns the numbers of a text, but for those in links and those spelt out."""
+    plain = re.sub(r"\]\([^)]*\)|`[^`]*`", "]", text)
+    return {float(number.replace(",", "")) for number in NUMBER.findall(plain)}
+
+
+def untraced(page: Path) -> dict[str, set[float]]:
+    """Returns, of each list item with links to pages, the numbers that none of them has."""
+    found = {}
+    for item in ITEM.findall(TABLE.sub("", page.read_text())):
+        linked = [page.parent / link for link in LINK.findall(item)]
+        if linked:
+            found[item] = numbers(item) - set.union(*(numbers(p.read_text()) for p in linked))
+    return found
+
+
+def test_each_figure_of_the_summary_stands_on_the_page_that_it_links_to():
+    found = untraced(next(page for page in EVIDENCE if page.stem == "summary"))
+    assert len(found) > 10
+    assert not {item: lacking for item, lacking in found.items() if lacking}
+
+
+def test_each_figure_of_the_readmes_table_stands_on_the_pages_of_evidence():
+    text = (ROOT / "README.md").read_text().partition("## What it can and cannot do")[2]
+    pages = (*EVIDENCE, ROOT / "docs" / "how_to" / "train_a_controller.md")
+    known = set[float]().union(*(numbers(page.read_text()) for page in pages))
+    rows = [row for row in ITEM.findall(text.partition("\n## ")[0]) if row.startswith("|")]
+    assert len(rows) > 8
+    assert not {row: lacking for row in rows if (lacking := numbers(row) - known)}
+
+
+def test_a_figure_that_its_page_does_not_have_is_found(tmp_path):
+    (tmp_path / "rows.md").write_text("It costs .76, and 1,234 of them 91-100 %.\n")
+    page = tmp_path / "page.md"
+    page.write_text(
+        "- 0.76 and 1234 of 91 ([rows](rows.md))\n- .77\n  here ([rows](rows.md))\n- 5\n"
+    )
+    assert list(untraced(page).values()) == [set(), {0.77}]
 
 
 @pytest.fixture(scope="module")

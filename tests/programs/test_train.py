@@ -84,10 +84,6 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         (["--iterations", "\u0663"], "but it must be a whole number"),
         (["--alphas", "1_0"], "alphas is '1_0', but it must be a number, from 1e-09 to"),
         (["--check", "--disturb-body", "hed", "--disturb-push", "1"], "there is no body 'hed'"),
-        (
-            ["--check", "--method", "plato", "--teacher-horizon", "0.001"],
-            "teacher.horizon is 0.001 s, but a plan of the swimmer must have at least one control",
-        ),
     ],
 )
 def test_bad_input_is_refused_with_a_sentence_and_nothing_is_written(

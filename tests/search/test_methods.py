@@ -115,8 +115,7 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
     low, standing, high = total(-1.0), total(0.0), total(1.0)
     optimum = total(0.5 * (low - high) / (high - 2 * standing + low))
     imitates = method in ("dagger", "weighted_dagger")
-    # Each step of PLATO's rollouts makes a plan, of which few lessons are enough.
-    settings = {"iterations": 40, "policy_rollouts": 10 if method == "plato" else 100}
+    settings = {"iterations": 40, "policy_rollouts": 100}
     if method.startswith("cost"):
         # Weights by cost need costs that differ as those of a robot's whole motion do.
         settings.update(alphas=(5.0,), alpha_iterations=(0,))

@@ -83,6 +83,16 @@ def test_what_is_no_servo_with_a_limit_keeps_the_limits_of_the_model(actuator):
         assert_array_equal(bound, np.tile(limit, (3, 1)))
 
 
+@pytest.mark.parametrize(("substeps", "gains_speed"), [(1, False), (2, True)])
+def test_a_farther_target_acts_only_after_the_first_simulator_step(substeps, gains_speed):
+    servo = Dynamics(mujoco.MjModel.from_xml_string(ARM.format(SERVO.format(40.0))), substeps)
+    start = at(servo, 0.0, 0.8)
+    end = servo.bounds_along(np.array([start] * 2)).highest[0]
+    bounded, beyond = (servo.step(start, u)[-1] - 0.8 for u in (end, end + 0.02))
+    # Some percent are the integrator's, whose damping ends with the servo's answer.
+    assert (beyond > 1.05 * bounded) == gains_speed
+
+
 def test_a_servo_that_passes_its_range_in_a_step_keeps_the_limits_of_the_model():
     servo = arm(SERVO.format(40.0))
     found = servo.bounds_along(np.array([at(servo, y, 0.0) for y in (0.0, 0.024, 0.05)]))

@@ -90,6 +90,11 @@ class StateSpace:
             carried[..., at] = jacobians[..., at] @ turns.reshape(*deviations.shape[:-1], 3, 3)
         return carried
 
+    def turns(self, deviations: Array) -> Array:
+        """Returns J (..., n_dx, n_dx): a change ε of δ (..., n_dx) is J ε in the frame of x ⊕ δ."""
+        eye = np.broadcast_to(np.eye(self.tangent_dim), (*deviations.shape, self.tangent_dim))
+        return self.carried_back(eye, deviations, by_deviation=True)
+
     @cached_property
     def plain(self) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """The indices of the plain numbers in x, and those in δ."""
@@ -175,7 +180,7 @@ class DynamicsModel(Protocol):
         """
 
     def bounds_along(self, states: Array) -> ControlBounds:
-        """Returns the controls that act in each step from states (T+1, n_x): limits, or less."""
+        """Returns the controls to use in each step from states (T+1, n_x): limits, or less."""
 
     def linearize(self, trajectory: Trajectory) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and how many simulator steps they took."""

@@ -14,6 +14,7 @@ Intervals are Wilson's, of 95 %.
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,11 +30,13 @@ from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from rich.console import Console
 
+    from vgps_ros.core.records import Array
     from vgps_ros.policies.driver import Driver
+    from vgps_ros.policies.policy_file import PolicyFile
     from vgps_ros.tasks import Task
 
 OWN = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
@@ -45,8 +48,8 @@ LONGEST_TRIAL = 20.0  # of a disturbance while commands change [s]
 
 def _try_disturbances(
     task: "Task", driver: "Driver", arguments: argparse.Namespace
-) -> dict[str, Any]:
-    """Tries the disturbances that the arguments name; returns the survival by kind.
+) -> tuple[dict[str, Any], "Callable[[str, float, int], Array] | None"]:
+    """Tries the disturbances that the arguments name; returns the survival by kind, and a replay.
 
     Of a robot that obeys commands, all usual ones are tried where none is named.
     """
@@ -58,7 +61,7 @@ def _try_disturbances(
         drawn_noise,
         first_phases,
     )
-    from vgps_ros.search.robustness import KINDS, USUAL, robustness, suits
+    from vgps_ros.search.robustness import KINDS, USUAL, replay, robustness, suits
     from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
@@ -70,7 +73,7 @@ def _try_disturbances(
             "--pushes or --payloads, or leave it out."
         )
     if not values:
-        return {}
+        return {}, None
     seconds = arguments.seconds
     if task.signals.commands:
         seconds = min(seconds, LONGEST_TRIAL)
@@ -93,7 +96,8 @@ def _try_disturbances(
     if any(values.get("pushes", ())):
         check_push_ends(settings, seconds, "a rollout", "--push-duration", "lengthen --seconds")
     trial = Trial(starts, commands, noise, phases=first_phases(len(starts)))
-    return robustness(task, driver, trial, values, arguments.seed, settings)
+    found = robustness(task, driver, trial, values, arguments.seed, settings)
+    return found, partial(replay, task, driver, trial, arguments.seed, settings)
 
 
 def evaluate_policy(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any]:
@@ -266,6 +270,14 @@ def _show_robustness(result: dict[str, Any], console: "Console") -> None:
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_argument("run", type=Path, help="folder of a run, a policy.json or an ONNX file")
+    add_trials(parser)
+    parser.add_argument(
+        "--plot", type=picture, metavar="FILE", help="draw how many survive each disturbance"
+    )
+
+
+def add_trials(parser: Parser) -> None:
+    """Declares how policies are tried, and where the result goes."""
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
     perturbation = (
         "standard deviation of the first joint angles [rad]; that of their velocities is ten times "
@@ -344,9 +356,6 @@ def add_arguments(parser: Parser) -> None:
         ),
         Setting("push_duration", 0.1, "length of a push [s]", minimum=1e-6, maximum=1e3),
     )
-    parser.add_argument(
-        "--plot", type=picture, metavar="FILE", help="draw how many survive each disturbance"
-    )
     parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
     parser.add_output(
         "--json",
@@ -355,18 +364,29 @@ def add_arguments(parser: Parser) -> None:
     )
 
 
-def run(arguments: argparse.Namespace) -> None:
-    """Evaluates the policy that the arguments name."""
-    files = [file for file in (arguments.json, arguments.plot) if file and file != Path("-")]
-    refuse_existing(files, overwrite=arguments.overwrite)
-    path = arguments.run
+def open_run(path: Path, reference: str | None) -> tuple["PolicyFile", "Task"]:
+    """Returns the policy of a run or a file, and the task by reference, or the one that it names.
+
+    Raises:
+        InvalidInputError: it is no policy, or names no task.
+    """
     file = open_policy(RunFolder(path).policy if path.is_dir() else path)
-    if not (arguments.task or file.task):
+    if not (reference or file.task):
         raise InvalidInputError(f"{file.name} names no task; give --task.")
     from vgps_ros.tasks import make_task, recorded_task
+
+    return file, make_task(reference) if reference else recorded_task(file.task)
+
+
+def try_policy(
+    file: "PolicyFile", task: "Task", arguments: argparse.Namespace
+) -> tuple[dict[str, Any], "Callable[[str, float, int], Array] | None"]:
+    """Returns what a policy does, with the disturbances that the arguments name, and a replay.
+
+    The replay returns the states of one rollout by kind, value and number; None if there is none.
+    """
     from vgps_ros.tasks.disturbed_task import for_policy
 
-    task = make_task(arguments.task) if arguments.task else recorded_task(file.task)
     commanded = bool(task.signals.commands)
     for name, value in (COMMANDED if commanded else UNCOMMANDED).items():
         vars(arguments).setdefault(name, value)
@@ -374,17 +394,26 @@ def run(arguments: argparse.Namespace) -> None:
     task = for_policy(task, file)
     driver = task.driver(file)
     result = evaluate_policy(task, driver, **own)
-    if tried := _try_disturbances(task, driver, arguments):
-        result["robustness"] = tried
+    tried, replay = _try_disturbances(task, driver, arguments)
+    return result | ({"robustness": tried} if tried else {}), replay
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Evaluates the policy that the arguments name."""
+    files = [file for file in (arguments.json, arguments.plot) if file and file != Path("-")]
+    refuse_existing(files, overwrite=arguments.overwrite)
+    file, task = open_run(arguments.run, arguments.task)
+    result, _ = try_policy(file, task, arguments)
     if arguments.plot:
-        if not tried:
+        if "robustness" not in result:
             raise InvalidInputError(
                 "--plot draws disturbances, but none is named; add --pushes, --slopes, --payloads "
                 "or --frictions."
             )
         from vgps_ros.views.plots import survival_curves
 
-        survival_curves({task.name: tried}, arguments.rollouts).savefig(arguments.plot, dpi=150)
+        curves = survival_curves({task.name: result["robustness"]}, arguments.rollouts)
+        curves.savefig(arguments.plot, dpi=150)
     if arguments.json == Path("-"):
         print(json.dumps(result))
         return

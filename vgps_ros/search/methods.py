@@ -19,7 +19,6 @@ from vgps_ros.search.comparators.cost_weighted import cost_weighted
 from vgps_ros.search.comparators.dagger import Imitation, imitate
 from vgps_ros.search.comparators.gps import GuidedUpdate, guided_search
 from vgps_ros.search.comparators.mdgps import Mirrored, begin, mdgps
-from vgps_ros.search.comparators.plato import Lessons, check_teacher, plato
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
@@ -42,14 +41,12 @@ class Method:
         update: the type of that.
         raises_bound: whether both of its steps maximise L(q, θ) over the marginals of q, so that a
             lower bound is trouble, and so are marginals that do not hold.
-        check: refuses settings of the method that do not suit the task.
         begin: makes the first solutions.
     """
 
     iterate: Callable[[Workspace, Any, int], Update]
     update: type[Update]
     raises_bound: bool = False
-    check: Callable[[Task, SearchSettings], None] = lambda *_: None
     begin: Callable[[Workspace], tuple[OptimizationResult, ...]] = Workspace.solve_cost_alone
 
 
@@ -62,7 +59,6 @@ METHODS = {
     "adapted_weighted_dagger": Method(partial(imitate, weighted=True, adapts=True), Imitation),
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
-    "plato": Method(plato, Lessons, check=check_teacher),
     "mdgps": Method(mdgps, Mirrored, begin=begin),
 }
 
@@ -74,7 +70,7 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
         InvalidInputError: the method is unknown, a setting or the seed is out of range, the policy
             is too large, or settings do not suit the task.
     """
-    chosen = METHODS[one_of("method", method, METHODS)]
+    one_of("method", method, METHODS)
     check_settings(settings)
     settings = with_preset(settings, task)
     if seed < 0:
@@ -85,7 +81,6 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
             "out last_action and history of the task, or use vgps."
         )
     architecture(task, settings)  # a policy that is too large is refused before the first solve
-    chosen.check(task, settings)
     check_situations(task, settings, seed)
     return settings
 

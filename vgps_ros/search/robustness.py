@@ -26,6 +26,7 @@ from vgps_ros.search.judgement import (
     Trial,
     behaviour,
     check_lengths,
+    execute_trial,
     figures,
 )
 from vgps_ros.simulation.dynamics import Dynamics
@@ -135,7 +136,8 @@ def robustness(
 
     Returns:
         By kind: the values in order, the share of rollouts that survive each, and between which
-        values it is `ENOUGH`; None where not even so many survive without a disturbance. Of a task
+        values it is `ENOUGH`; None where not even so many survive without a disturbance; `fallen`:
+        the rollouts that do not survive each, as `replay` counts them. Of a task
         with commands also the intervals of the shares, the same for the rollouts that obey, and by
         command the root mean square errors; see `judge_controller`.
 
@@ -159,7 +161,13 @@ def robustness(
 
     @cache  # each kind is tried without a disturbance too, which is the same for all kinds
     def tried(kind: str, value: float) -> dict[str, Any]:
-        return figures(task, _try_disturbance(task, driver, kind, value, trial, seed, settings))
+        here, given, own = _disturbed(task, driver, kind, value, trial, seed, settings)
+        if own:
+            each = behaviours(here, driver, own, given)
+        else:
+            seconds = given.noise.shape[1] * task.dynamics.time_step
+            each = behaviour(here, driver, given, (seconds,))
+        return figures(task, each) | {"fallen": np.flatnonzero(~each.up[:, -1]).tolist()}
 
     found: dict[str, dict[str, Any]] = {}
     report = progress_lines(f"Tries disturbances on {task.name}")
@@ -171,7 +179,7 @@ def robustness(
             each.append(tried("", 0.0) if value == calm else tried(kind, value))
             done += 1
             report(done / count)
-        found[kind] = {"values": ordered}
+        found[kind] = {"values": ordered, "fallen": [one["fallen"] for one in each]}
         judged = {"survival": "borne"}
         if task.signals.commands:
             judged["obeys"] = "obeyed"
@@ -186,6 +194,22 @@ def robustness(
             if task.signals.commands:
                 found[kind][f"{share}_interval"] = [one[f"{share}_interval"][-1] for one in each]
     return found
+
+
+def replay(
+    task: Task,
+    driver: Driver,
+    trial: Trial,
+    seed: int,
+    settings: DisturbanceSettings,
+    kind: str,
+    value: float,
+    rollout: int,
+) -> Array:
+    """Returns the states of one of the rollouts of `robustness`, shape (T+1, n_x)."""
+    here, given, own = _disturbed(task, driver, kind, value, trial, seed, settings)
+    here = disturb_task(here, own[rollout]) if own else here
+    return execute_trial(here, driver, given.of([rollout]))[0][0]
 
 
 def suits(task: Task, kind: str, body: str = "") -> bool:
@@ -257,7 +281,7 @@ def usual_noise(task: Task, driver: Driver) -> Array:
     return np.array([std(name) for name in driver.observation.readings.names])
 
 
-def _try_disturbance(
+def _disturbed(
     task: Task,
     driver: Driver,
     kind: str,
@@ -265,18 +289,19 @@ def _try_disturbance(
     given: Trial,
     seed: int,
     settings: DisturbanceSettings,
-) -> Behaviour:
-    """Tries a disturbance of one size; the kind is empty where there is none."""
-    seconds = given.noise.shape[1] * task.dynamics.time_step
+) -> tuple[Task, Trial, list[Disturbance]]:
+    """Returns the robot, the rollouts, and what disturbs each of these by itself, if anything.
+
+    The kind is empty where there is no disturbance.
+    """
     rngs = [generator(seed, Stream.JUDGEMENT, PUSHES, i) for i in range(len(given.starts))]
     if kind == "pushes":  # times and directions are the same for all sizes
         pushed = replace(settings, push=value)
-        drawn = [draw_disturbance(task, pushed, rng) for rng in rngs]
-        return behaviours(task, driver, drawn, given)
+        return task, given, [draw_disturbance(task, pushed, rng) for rng in rngs]
     if kind == "slopes" and task.signals.commands:  # which lead it in all directions
         turns = [2.0 * np.pi * rng.uniform() for rng in rngs]
-        drawn = [Disturbance(slope=(value * np.cos(a), value * np.sin(a))) for a in turns]
-        return behaviours(task, driver, drawn, given)
+        leaning = [Disturbance(slope=(value * np.cos(a), value * np.sin(a))) for a in turns]
+        return task, given, leaning
     body, here = settings.body, task
     if kind == "slopes":
         here = disturb_task(task, Disturbance(slope=(value, 0.0)))
@@ -296,7 +321,7 @@ def _try_disturbance(
         std = usual_noise(task, driver)
         drawn_noise = rng.standard_normal((*given.noise.shape[:2], len(std)))
         given = replace(given, misread=value * std * drawn_noise)
-    return behaviour(here, driver, given, (seconds,))
+    return here, given, []
 
 
 def _heavier(task: Task, body: int, factor: float) -> Task:

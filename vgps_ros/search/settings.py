@@ -24,7 +24,7 @@ OF_PAPER = (
     *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
     *("cost_weighted", "cost_weighted_1000"),
 )
-METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "plato", "mdgps"))
+METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "mdgps"))
 
 # What each preset sets, by dotted name. That of the paper is Algorithm 1 as written: the policy is
 # fitted to q's marginals alone, by LBFGS, and α falls from 1 to 0.1 by the 50th iteration.
@@ -53,27 +53,6 @@ class GpsSettings:
         0.1,
         "factor on the standard deviation of pi_G's noise that guiding rollouts are drawn with",
         minimum=1e-6,
-        maximum=1.0,
-    )
-
-
-@dataclass(frozen=True)
-class TeacherSettings:
-    """Settings of the model predictive control that teaches the policy of plato."""
-
-    horizon: float = setting(
-        1.5,
-        "length of a plan, or the task's horizon if that is shorter [s]",
-        minimum=1e-3,
-        maximum=1e3,
-    )
-    plan_every: int = setting(
-        5, "control steps between two plans of a rollout", minimum=1, maximum=1000
-    )
-    noise: float = setting(
-        0.1,
-        "factor on the standard deviation of pi_G's noise that the teacher drives with",
-        minimum=0.0,
         maximum=1.0,
     )
 
@@ -271,7 +250,6 @@ class SearchSettings:
     keep: KeepSettings = field(default_factory=KeepSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     gps: GpsSettings = field(default_factory=GpsSettings)
-    teacher: TeacherSettings = field(default_factory=TeacherSettings)
     mirror: MirrorSettings = field(default_factory=MirrorSettings)
 
     def __post_init__(self) -> None:

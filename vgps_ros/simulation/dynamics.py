@@ -215,10 +215,12 @@ class Dynamics:
     def bounds_along(self, states: Array) -> ControlBounds:
         """Returns the controls that act in each of T steps from states (T+1, n_x).
 
-        A servo at its greatest force does not answer to a target that is farther away. So targets
-        end a little before that, where a finite difference still finds an answer; this bound moves
-        with the joint. A servo so stiff that one step takes it through much of the range in which
-        it answers keeps the limits of the model in that step.
+        A servo at its greatest force does not answer to a target that is farther away, in the first
+        of a control's simulator steps. So targets end a little before that, where a finite
+        difference still finds an answer; this bound moves with the joint. Within the control the
+        joint moves on, and a farther target would keep up the force that falls meanwhile. That is
+        given up, since trainings were worse with it. A servo so stiff that one control takes it
+        through much of the range in which it answers keeps the limits of the model in that control.
         """
         controls, (low, high) = self.controls, self.control_limits
         if not self._give_way.any():

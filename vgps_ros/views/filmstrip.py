@@ -7,7 +7,7 @@ model has none.
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -129,15 +129,25 @@ def write_moving_picture(run: RunRecord, path: Path) -> bool:
     """
     if run.executed_states is None:
         return False
-    stride = max(1, round(1.0 / (_RATE * run.time_step)))
-    states = run.executed_states[::stride]
-    pictures = [Image.fromarray(each) for each in frames(run.mjcf, states, *_GIF_SIZE)]
+    write_motions(run.mjcf, [run.executed_states], run.time_step, path)
+    return True
+
+
+def write_motions(mjcf: str, motions: Sequence[NDArray], time_step: float, path: Path) -> None:
+    """Writes motions side by side as a GIF that runs in real time, until one of them diverges.
+
+    Raises:
+        RenderingError: MuJoCo cannot draw without a screen here.
+    """
+    stride = max(1, round(1.0 / (_RATE * time_step)))
+    sound = (motion[np.isfinite(motion).all(axis=1)][::stride] for motion in motions)
+    drawn = [list(frames(mjcf, states, *_GIF_SIZE)) for states in sound]
+    pictures = [Image.fromarray(np.hstack(each)) for each in zip(*drawn, strict=False)]
     # All frames share one palette, since colours that change between frames would flicker.
     palette = pictures[len(pictures) // 2].quantize(_COLOURS)
     first, *rest = [each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
-    duration = round(1000 * stride * run.time_step)
+    duration = round(1000 * stride * time_step)
     first.save(path, save_all=True, append_images=rest, duration=duration, loop=0, optimize=True)
-    return True
 
 
 def _show_all(model: mujoco.MjModel) -> None:

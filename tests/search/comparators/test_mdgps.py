@@ -9,8 +9,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.errors import DivergenceError
+from vgps_ros.core.marginals import sample_rollout_noise
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
+from vgps_ros.core.records import Trajectory
 from vgps_ros.core.settings import with_values
 from vgps_ros.search.comparators import mdgps
 from vgps_ros.search.comparators.bounded_step import LinearPolicy, divergence
@@ -128,3 +130,109 @@ def test_a_situation_whose_rollouts_diverge_keeps_its_q_and_says_so():
 def test_first_rollouts_that_diverge_end_the_run():
     with pytest.raises(DivergenceError, match=r"lower mirror\.exploration"):
         run(mirror__dynamics="fitted", mirror__exploration=(1e6,))
+
+
+def test_a_promise_is_the_expected_cost_of_the_step_and_its_noise(rng):
+    """On the rotor the model is exact, so that many rollouts of q cost what the step promised."""
+    settings = with_values(search_settings(ROTOR), PLAIN)
+    work = Workspace(ROTOR, settings, 5, partial(optimize_all, ROTOR), (), mdgps.begin)
+    first = mdgps.mdgps(work, None, 1)
+    noisy = dataclasses.replace(first.policy, noise_std=np.array([2.0]))
+    found = mdgps.mdgps(work, dataclasses.replace(first, policy=noisy), 2)
+    q, promised = found.solutions[0].distribution, found.solutions[0].modified_cost
+    noise = sample_rollout_noise(q, 4000, rng)
+    spread = ROTOR.optimizer.marginals.initial_std_factor * ROTOR.initial_std
+    starts = ROTOR.initial_state + spread * rng.standard_normal((4000, 2))
+
+    def law(t, x):
+        return q.mean.controls[t] + (x - q.mean.states[t]) @ q.gains[t].T + noise[:, t]
+
+    states, controls, _ = ROTOR.dynamics.rollouts(starts, law, ROTOR.horizon)
+    costs = [
+        ROTOR.trajectory_cost(Trajectory(*each)) for each in zip(states, controls, strict=True)
+    ]
+    assert promised > 1.2 * ROTOR.trajectory_cost(q.mean)
+    assert_allclose(promised, np.mean(costs), rtol=0.02)
+
+
+# A body in space with a motor about each axis, which turns while it comes to rest.
+SATELLITE = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option timestep="0.05" gravity="0 0 0"/>
+  <worldbody>
+    <body name="body" pos="0 0 1">
+      <freejoint/>
+      <geom type="box" size=".3 .2 .1" mass="1"/>
+      <site name="middle"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor site="middle" gear="0 0 0 1 0 0" ctrlrange="-5 5" ctrllimited="true"/>
+    <motor site="middle" gear="0 0 0 0 1 0" ctrlrange="-5 5" ctrllimited="true"/>
+    <motor site="middle" gear="0 0 0 0 0 1" ctrlrange="-5 5" ctrllimited="true"/>
+  </actuator>
+  <keyframe><key name="turned" qpos="0 0 1 .6 .5 -.4 .48" qvel="0 0 0 2 -3 4"/></keyframe>
+</mujoco>
+"""
+TURN = """
+model: satellite.xml
+control_period: 0.05
+horizon: 1.0
+start: {keyframe: turned, std: {position: 0.02, velocity: 0.05}}
+sensors:
+  ahead: {type: framexaxis, xbody: body}
+  up: {type: framezaxis, xbody: body}
+  spin: {type: gyro, site: middle}
+cost:
+  - {sensor: ahead, target: [1.0, 0.0, 0.0]}
+  - {sensor: up, target: [0.0, 0.0, 1.0]}
+  - {sensor: spin, weight: 0.1}
+  - {control: all, weight: 0.1}
+observe: [ahead, up, spin]
+"""
+
+
+def test_gains_of_a_free_body_are_carried_to_the_frames_of_each_motion(tmp_path, monkeypatch, rng):
+    """Near a motion a law is the same one, whichever motion its gains count from."""
+    (tmp_path / "satellite.xml").write_text(SATELLITE)
+    (tmp_path / "task.yaml").write_text(TURN)
+    task = make_task(str(tmp_path / "task.yaml"))
+    space, means, steps = task.dynamics.space, [], []
+
+    def kept(found, original):
+        def wrapped(*arguments):
+            found.append((original(*arguments), arguments))
+            return found[-1][0]
+
+        return wrapped
+
+    monkeypatch.setattr(mdgps, "mean_trajectory", kept(means, mdgps.mean_trajectory))
+    monkeypatch.setattr(mdgps, "bounded_step", kept(steps, mdgps.bounded_step))
+    chosen = {**PLAIN, "mirror.objective": "likelihood", "mirror.kl_bound": 5.0}
+    chosen |= {"mirror.dynamics": "fitted", "mirror.exploration": (0.5,), "mirror.first_steps": 1}
+    settings = with_values(search_settings(task), chosen)
+    work = Workspace(task, settings, 5, partial(optimize_all, task), (), mdgps.begin)
+    before = mdgps.mdgps(work, None, 1)
+    after = mdgps.mdgps(work, before, 2)
+    (around, _), (step, (_, _, near, *_)) = means[-1], steps[-1]
+
+    def changes(law, centre, gains_at, states):
+        """Returns the change of a law's controls from one state to a close one, in each step."""
+        away = (space.subtract(x, gains_at) for x in (space.add(centre, states), centre))
+        near, here = (np.einsum("tux,tx->tu", law, each) for each in away)
+        return near - here
+
+    old, new = (each.solutions[0].distribution for each in (before, after))
+    for motion, own, origin, first in (
+        (new.mean, new.gains, around, step.policy.gains),
+        (around, near.gains, old.mean, old.gains),
+    ):
+        length = len(around.states) - 1
+        centres, origins = motion.states[:length], origin.states[:length]
+        turned = np.linalg.norm(space.subtract(centres, origins)[:, 3:6], axis=1)
+        assert turned.max() > 0.03
+        close = 1e-5 * rng.standard_normal((length, space.tangent_dim))
+        found = changes(own[:length], centres, centres, close)
+        expected = changes(first[:length], centres, origins, close)
+        assert_allclose(found, expected, atol=1e-4 * np.abs(expected).max())

@@ -70,8 +70,6 @@ def _by_deviations(
         return there
     f_x, f_u = 0.5 * (here.f_x + there.f_x), 0.5 * (here.f_u + there.f_u)
     after = np.einsum("txy,ty->tx", f_x, delta_x) + np.einsum("txu,tu->tx", f_u, delta_u)
-    each = np.broadcast_to(np.eye(space.tangent_dim), f_x.shape)
-    turns = space.carried_back(each, after, by_deviation=True)
     f_x = space.carried_back(there.f_x, delta_x, by_deviation=True)
-    solved = (np.linalg.solve(turns, f) for f in (f_x, there.f_u))
+    solved = (np.linalg.solve(space.turns(after), f) for f in (f_x, there.f_u))
     return LinearDynamics(*(np.asarray(f, dtype=float) for f in solved))

@@ -141,9 +141,7 @@ def fitted_dynamics(
     points = transitions(space, origin, states, controls)
     mu_0, phi = prior.moments(prior.shares(points).mean(axis=0))
     # The prior counts from x_0, deviations count from x̄: turned alike where bodies turn.
-    away = space.subtract(mean.states, origin)
-    eye = np.broadcast_to(np.eye(n_dx), (horizon + 1, n_dx, n_dx))
-    turns = space.carried_back(eye, away, by_deviation=True)
+    turns = space.turns(space.subtract(mean.states, origin))
     carry = np.tile(np.eye(z.shape[2]), (horizon, 1, 1))
     carry[:, :n_dx, :n_dx], carry[:, -n_dx:, -n_dx:] = turns[:-1], turns[1:]
     apart = np.einsum("tij,tj->ti", carry, points.mean(axis=0) - mu_0)

@@ -21,7 +21,8 @@ before.
 
 The rollouts are those of what q must stay near: of the policy, or of the q before. The bound counts
 per control step, as in the authors' code, and where the cost is the objective, it grows and shrinks
-as a step's promise was kept. A situation whose step fails keeps its q.
+as a step's promise was kept. A promise is E_q[c], by the cost of q's mean and the curvature around
+it. A situation whose step fails keeps its q.
 """
 
 from dataclasses import dataclass, replace
@@ -49,7 +50,12 @@ from vgps_ros.core.records import (
     TrajectoryDistribution,
 )
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.search.comparators.bounded_step import BoundedStep, LinearPolicy, bounded_step
+from vgps_ros.search.comparators.bounded_step import (
+    BoundedStep,
+    LinearPolicy,
+    bounded_step,
+    cost_of_spread,
+)
 from vgps_ros.search.comparators.fitted_dynamics import (
     Mixture,
     fitted_dynamics,
@@ -75,7 +81,7 @@ class Progress:
 
     Attributes:
         bound: ε of its next step, per control step [nat].
-        observed: cost of the motion that the latest step started from; NaN before the first one.
+        observed: E[c] of what the latest step started from; NaN before the first one.
         recent: the latest rollouts, for the prior of fitted dynamics.
     """
 
@@ -166,8 +172,9 @@ def _explore(
     rollouts = _drawn(work, _whole_horizon(here), count, partial(_open_loop, controls), rng)
     model = _linear_model(work, here, (rollouts,), (0, i, 0))
     sigma = state_covariances(model.linear, law.gains, law.covariances, model.spread)
-    step = BoundedStep(law, np.zeros(sigma.shape[:2]), sigma, 0.0, 0.0)
-    return _solution(here, situation, model, step), Progress(settings.kl_bound)
+    step, cost = BoundedStep(law, np.zeros(sigma.shape[:2]), sigma, 0.0, 0.0), here.cost
+    solution = _solution(here, situation, model, step, cost.expand(model.mean))
+    return solution, Progress(settings.kl_bound)
 
 
 def _advance(
@@ -186,13 +193,20 @@ def _advance(
     bound = progress.bound
     try:
         model = _linear_model(work, here, recent, place, q)
-        cost = here.trajectory_cost(model.mean)
+        near, minimised, entropy = _problem(work, here, model, policy, q, place[0])
+        expansion = here.cost.expand(model.mean)
+        sigma = state_covariances(model.linear, near.gains, near.covariances, model.spread)
+        cost = here.trajectory_cost(model.mean) + cost_of_spread(expansion, near, sigma)
         if lowers:
             bound *= _growth(progress.observed, before.modified_cost, cost)
             bound = float(np.clip(bound, *(settings.kl_bound * np.array(_RANGE))))
+        start = here.dynamics.space.subtract(here.initial_state, model.mean.states[0])
         for n in range(_SHORTENINGS):
-            step = _step(work, here, model, policy, q, bound * _LEAST_GROWTH**n, place[0])
-            solution = _solution(here, before.situation, model, step)
+            shortened = bound * _LEAST_GROWTH**n * model.mean.horizon
+            step = bounded_step(
+                model.linear, minimised, near, start, model.spread, shortened, entropy
+            )
+            solution = _solution(here, before.situation, model, step, expansion)
             if not lowers or solution.modified_cost <= cost:
                 return solution, Progress(bound, cost, recent)
         failure = "even its own model says that the cost rises."
@@ -305,62 +319,66 @@ def _linear_model(
     return LinearModel(mean, deviations, linear, spread)
 
 
-def _step(
+def _problem(
     work: Workspace,
     here: Task,
     model: LinearModel,
     policy: GaussianPolicy | None,
     q: TrajectoryDistribution,
-    per_step: float,
     k: int,
-) -> BoundedStep:
-    """Returns the step of one situation.
-
-    Raises:
-        DivergenceError: the marginals explode even under the policy that it must stay near.
-    """
+) -> tuple[LinearPolicy, CostExpansion, float]:
+    """Returns what a step stays near, the cost that it minimises, and the weight of the entropy."""
     settings, mean, space = work.settings.mirror, model.mean, here.dynamics.space
-    start = space.subtract(here.initial_state, mean.states[0])
-    bound = per_step * mean.horizon
+    moved = space.subtract(mean.states[:-1], q.mean.states[:-1])
+    gains = q.gains @ np.linalg.inv(space.turns(moved))  # in the frames of the rollouts' mean
 
     def policy_cost(policy: GaussianPolicy, alpha: float) -> CostExpansion:
         """Returns α c − log π_θ, averaged over the rollouts."""
         scaled = ScaledCost(here.cost, alpha)
-        return PolicyCost(scaled, policy, here.observation, model.deviations, q.gains).expand(mean)
+        return PolicyCost(scaled, policy, here.observation, model.deviations, gains).expand(mean)
 
-    entropy, cost = 0.0, here.cost.expand(mean)
     if policy and settings.objective == "average":
-        near = LinearPolicy.of(policy_cost(policy, 0.0))
-    else:
-        moved = space.subtract(mean.states[:-1], q.mean.states[:-1])
-        ahead = q.mean.controls - mean.controls + np.einsum("tux,tx->tu", q.gains, moved)
-        near = LinearPolicy(ahead, q.gains, q.control_covariances)
-        if policy:
-            entropy, cost = 1.0, policy_cost(policy, work.settings.alpha(k))
-    return bounded_step(model.linear, cost, near, start, model.spread, bound, entropy)
+        return LinearPolicy.of(policy_cost(policy, 0.0)), here.cost.expand(mean), 0.0
+    ahead = q.mean.controls - mean.controls + np.einsum("tux,tx->tu", q.gains, moved)
+    near = LinearPolicy(ahead, gains, q.control_covariances)
+    if policy:
+        return near, policy_cost(policy, work.settings.alpha(k)), 1.0
+    return near, here.cost.expand(mean), 0.0
 
 
 def _solution(
-    here: Task, situation: Situation, model: LinearModel, step: BoundedStep
+    here: Task,
+    situation: Situation,
+    model: LinearModel,
+    step: BoundedStep,
+    expansion: CostExpansion,
 ) -> OptimizationResult:
-    """Returns q(ζ) of a step, centred on the motion that the linear model expects of it."""
-    mean, policy = model.mean, step.policy
-    states = here.dynamics.space.add(mean.states, step.means)
+    """Returns q(ζ) of a step, centred on the motion that the linear model expects of it.
+
+    What counted around the rollouts' mean is carried to the frames of that motion.
+    """
+    mean, policy, space = model.mean, step.policy, here.dynamics.space
+    states = space.add(mean.states, step.means)
     states[0] = here.initial_state
     feedback = np.einsum("tux,tx->tu", policy.gains, step.means[:-1])
+    turns = space.turns(step.means)
+    back = np.linalg.inv(turns[:-1])
     q = TrajectoryDistribution(
         mean=Trajectory(states, mean.controls + policy.feedforward + feedback),
-        gains=policy.gains,
+        gains=policy.gains @ back,
         control_covariances=policy.covariances,
-        linear_dynamics=model.linear,
-        state_covariances=step.state_covariances,
+        linear_dynamics=LinearDynamics(
+            turns[1:] @ model.linear.f_x @ back, turns[1:] @ model.linear.f_u
+        ),
+        state_covariances=turns @ step.state_covariances @ np.swapaxes(turns, 1, 2),
         context=situation.context,
     )
+    spread = cost_of_spread(expansion, policy, step.state_covariances)
     return OptimizationResult(
         situation=situation,
         distribution=q,
         cost=here.trajectory_cost(q.mean.first(here.horizon)),
-        modified_cost=here.trajectory_cost(q.mean),
+        modified_cost=here.trajectory_cost(q.mean) + spread,
         status=Status.ITERATION_LIMIT,
         settings=here.optimizer,
         iterations=(),
