@@ -68,6 +68,7 @@ def test_friction_is_borne_from_where_it_holds_the_force(block):
     assert tried(block, 6.0, count=2, frictions=[2.0, 0.3, 0.7, 0.5]) == {
         "frictions": {
             "values": [0.3, 0.5, 0.7, 2.0],
+            "fallen": [[0, 1], [0, 1], [], []],
             "survival": [0.0, 0.0, 1.0, 1.0],
             "borne": [0.7, 2.0],
         }
@@ -118,6 +119,7 @@ def test_a_lighter_block_slides_where_its_weight_held_it(block):
     """6 N pass what friction bears of 1 kg, but not of 1.4 kg."""
     assert tried(block, 6.0, masses=[0.4, 0.5, 0.7, 2.0])["masses"] == {
         "values": [0.4, 0.5, 0.7, 2.0],
+        "fallen": [[0], [0], [], []],
         "survival": [0.0, 0.0, 1.0, 1.0],
         "borne": [0.7, 2.0],
     }
