@@ -302,6 +302,22 @@ def test_a_start_or_a_solver_that_is_wrong_is_named(folder, capsys, option, heig
     assert re.search(sentence, shown), shown
 
 
+def test_a_base_that_stands_and_touches_its_first_link_is_named_and_no_setting(folder, capsys):
+    base = """<body name="base" pos="0 0 1"><geom name="stand" type="box" size=".05 .05 .05"/>
+      <body name="arm" pos="0 0 .05"><joint name="hinge" axis="0 1 0" damping="0.5"/>
+      <geom name="link" type="capsule" size=".02" fromto="0 0 0 .3 0 0" mass=".5"/></body></body>"""
+    (folder / "pendulum.xml").write_text(
+        f'<mujoco><option integrator="implicitfast"/><worldbody>{base}</worldbody><actuator>'
+        '<position name="motor" joint="hinge" kp="60" dampratio="1" forcerange="-20 20"/>'
+        "</actuator></mujoco>"
+    )
+    main(["new", "mine", "--model", "pendulum.xml"])
+    main(["check", "mine"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "the geoms link and stand are 0.02 m inside each other though one carries" in shown
+    assert "distribution_regularization" not in shown
+
+
 @pytest.mark.parametrize(("weight", "obeys"), [("1.0e-4", True), ("1.0e+3", False)])
 def test_check_says_what_the_motion_does_of_each_command(folder, capsys, weight, obeys):
     told = "commands: {to: {range: [-0.08, 0.08], unit: rad}}\ncost:"
