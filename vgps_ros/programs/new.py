@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     def compiled(**more: Any) -> "mujoco.MjModel":
         changes.update(more)
-        text = try_model(lambda: self_contained(changed_spec(found, changes, {})))
+        text = try_model(lambda: [self_contained(changed_spec(found, changes, {}))])
         return compile_model(text, is_tried=True)
 
     try:

@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Builds a task from a task file and the robot's MJCF."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -15,7 +15,6 @@ import numpy as np
 from vgps_ros.core.augmentation import Augmentation, Mirror, swap_parts
 from vgps_ros.core.checks import known, matching, quote
 from vgps_ros.core.cost import FeatureCost, Following
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
 from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
@@ -27,7 +26,6 @@ from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
     joint_names,
-    no_files,
     scalar_names,
     sensor_numbers,
     try_model,
@@ -471,21 +469,16 @@ def model_text(task: TaskFile, document: Document) -> str:
         InvalidInputError: as `model_spec` does, or the model asks for too much.
     """
     path = find_model(task, document)
-    is_built_in = path.is_relative_to(Path(__file__).parent)
 
-    def text() -> str:
+    def texts() -> Iterator[str]:
         spec = model_spec(task, document)
         if task.changes == Changes() and not task.sensors:
-            with suppress(InvalidInputError, UnicodeDecodeError):
-                own = path.read_text()
-                if not is_built_in:
-                    with no_files():
-                        compile_model(own, is_tried=True)
-                return own
+            with suppress(UnicodeDecodeError):
+                yield path.read_text()
         with document.at(("model",)):
-            return self_contained(spec)
+            yield self_contained(spec)
 
-    return text() if is_built_in else try_model(text)
+    return next(texts()) if path.is_relative_to(Path(__file__).parent) else try_model(texts)
 
 
 def start_state(start: Start, model: mujoco.MjModel, document: Document) -> Array:
