@@ -439,39 +439,30 @@ def _join_columns(columns: Iterable[Array], steps: int) -> Array:
     return values[0] if (values == values[0]).all() else values
 
 
-def model_spec(task: TaskFile, document: Document) -> mujoco.MjSpec:
-    """Returns the task's model with its changes and sensors; it is known to compile.
-
-    Raises:
-        InvalidInputError: the model does not compile, or a change names what it lacks.
-    """
-    changes, sensors = msgspec.to_builtins((task.changes, task.sensors))
-    try:
-        spec = changed_spec(find_model(task, document), changes, sensors)
-    except InvalidChangeError as error:
-        raise document.error(error.place, error.sentence) from error
-    document.refuse(
-        not is_multiple(task.control_period, spec.option.timestep),
-        ("control_period",),
-        f"it is {task.control_period:g} s, but it must be a multiple of the model's time step, "
-        f"{spec.option.timestep:g} s.",
-    )
-    return spec
-
-
 def model_text(task: TaskFile, document: Document) -> str:
-    """Returns the model as one MJCF text that needs no other file.
+    """Returns the model with its changes and sensors as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
     orientation of its inertias in the last bits. Another process makes it, but of a built-in task.
 
     Raises:
-        InvalidInputError: as `model_spec` does, or the model asks for too much.
+        InvalidInputError: the model does not compile or asks for too much, or a change names what
+            it lacks.
     """
-    path = find_model(task, document)
+    path, changes = find_model(task, document), msgspec.to_builtins(task.changes)
 
     def texts() -> Iterator[str]:
-        spec = model_spec(task, document)
+        try:
+            spec = changed_spec(path, changes, msgspec.to_builtins(task.sensors))
+        except InvalidChangeError as error:
+            raise document.error(error.place, error.sentence) from error
+        step = spec.option.timestep
+        document.refuse(
+            not is_multiple(task.control_period, step),
+            ("control_period",),
+            f"it is {task.control_period:g} s, but it must be a multiple of the model's time step, "
+            f"{step:g} s.",
+        )
         if task.changes == Changes() and not task.sensors:
             with suppress(UnicodeDecodeError):
                 yield path.read_text()
