@@ -302,6 +302,51 @@ def test_a_start_or_a_solver_that_is_wrong_is_named(folder, capsys, option, heig
     assert re.search(sentence, shown), shown
 
 
+URDF = """<robot name="two"><link name="base"/><link name="arm"><inertial><mass value="1"/>
+<origin xyz=".1 0 0"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><mesh filename="package://two/meshes/arm.stl"/></geometry></collision></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" effort="20" velocity="5"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("place", ["around the URDF", "a ROS package", "nowhere"])
+def test_meshes_that_a_urdf_names_by_package_are_found_or_left_out(
+    folder, capsys, monkeypatch, place
+):
+    (folder / "two").mkdir()
+    model = folder / "two" / "two.urdf"
+    model.write_text(URDF)
+    share = folder / "two" if place == "around the URDF" else folder / "ros" / "share" / "two"
+    if place != "nowhere":
+        (share / "meshes").mkdir(parents=True)
+        corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], np.float32)
+        faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+        sides = b"".join(bytes(12) + corners[list(f)].tobytes() + bytes(2) for f in faces)
+        count = len(faces).to_bytes(4, "little")
+        (share / "meshes" / "arm.stl").write_bytes(bytes(80) + count + sides)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(folder / "ros"))
+    main(["new", "mine", "--model", str(model)])
+    said = capsys.readouterr().out
+    assert ("Without meshes, since" in said) == (place == "nowhere")
+    assert make_task("mine").dynamics.model.nmesh == (place != "nowhere")
+
+
+def test_a_base_that_stands_and_touches_its_first_link_is_named_and_no_setting(folder, capsys):
+    base = """<body name="base" pos="0 0 1"><geom name="stand" type="box" size=".05 .05 .05"/>
+      <body name="arm" pos="0 0 .05"><joint name="hinge" axis="0 1 0" damping="0.5"/>
+      <geom name="link" type="capsule" size=".02" fromto="0 0 0 .3 0 0" mass=".5"/></body></body>"""
+    (folder / "pendulum.xml").write_text(
+        f'<mujoco><option integrator="implicitfast"/><worldbody>{base}</worldbody><actuator>'
+        '<position name="motor" joint="hinge" kp="60" dampratio="1" forcerange="-20 20"/>'
+        "</actuator></mujoco>"
+    )
+    main(["new", "mine", "--model", "pendulum.xml"])
+    main(["check", "mine"])
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "the geoms link and stand are 0.02 m inside each other though one carries" in shown
+    assert "distribution_regularization" not in shown
+
+
 @pytest.mark.parametrize(("weight", "obeys"), [("1.0e-4", True), ("1.0e+3", False)])
 def test_check_says_what_the_motion_does_of_each_command(folder, capsys, weight, obeys):
     told = "commands: {to: {range: [-0.08, 0.08], unit: rad}}\ncost:"

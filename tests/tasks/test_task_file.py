@@ -12,7 +12,7 @@ import pytest
 
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.tasks.builder import load_task, model_spec
+from vgps_ros.tasks.builder import load_task
 from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd
 from vgps_ros.tasks.task_file import (
     SCHEMA_PATH,
@@ -94,7 +94,7 @@ def test_a_section_without_a_value_counts_as_left_out(folder):
 
 
 def test_the_model_has_what_the_file_says(folder):
-    model = model_spec(read_task_file(folder)[0], folder).compile()
+    model = load_task(folder, "hopper").dynamics.model
     assert model.opt.timestep == 0.005
     assert [model.sensor(i).name for i in range(model.nsensor)] == [
         *("com", "velocity", "height", "up")

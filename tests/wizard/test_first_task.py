@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The first task file of each kind of robot: it is taken for what it is, and starts soundly."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -346,6 +347,25 @@ def test_a_mirror_is_found_wherever_along_its_axis_a_joint_is_anchored(written, 
     ):
         i = names.index(name)
         assert (names[mirror.inputs[i]], mirror.input_signs[i]) == (image, sign)
+
+
+def test_a_robot_stands_on_a_height_field_under_it(written):
+    """A plateau of 0.2 m, lower ground around it."""
+    rows = "0 0 0 0 0  0 1 1 1 0  0 1 1 1 0  0 1 1 1 0  0 0 0 0 0"
+    asset = (
+        f'<asset><hfield name="h" nrow="5" ncol="5" size="4 4 .2 .1" elevation="{rows}"/></asset>'
+    )
+    robot = walker(*FOUR)
+    text, _ = written(robot)
+    raised = robot.replace(GROUND, '<geom name="ground" type="hfield" hfield="h"/>')
+    higher, task = written(raised.replace("<worldbody>", f"{asset}<worldbody>"))
+    heights = [float(re.search(r"sensor: height.*target: ([\d.]+)", t)[1]) for t in (text, higher)]
+    assert heights[1] == pytest.approx(heights[0] + 0.2, abs=0.01)
+    data = mujoco.MjData(task.dynamics.model)
+    data.qpos[:] = task.initial_state[: len(data.qpos)]
+    mujoco.mj_forward(task.dynamics.model, data)
+    feet = [data.geom(f"{name}_foot").xpos[2] for name, *_ in FOUR]
+    assert np.allclose(feet, 0.22, atol=0.01)
 
 
 def test_joints_that_are_not_alike_have_no_mirror(written):

@@ -8,6 +8,7 @@ import argparse
 import math
 import os
 import shlex
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,16 +82,19 @@ def run(arguments: argparse.Namespace) -> None:
 
     def compiled(**more: Any) -> "mujoco.MjModel":
         changes.update(more)
-        text = try_model(lambda: self_contained(changed_spec(found, changes, {})))
+        text = try_model(lambda: [self_contained(changed_spec(found, changes, {}))])
         return compile_model(text, is_tried=True)
 
     try:
         model = compiled()
-    except InvalidInputError as error:  # files of meshes that only show may be elsewhere
-        try:
-            model = compiled(drop=["visual"])
-        except InvalidInputError:
-            raise error from None
+    except InvalidInputError as error:  # files of meshes may be elsewhere
+        for drop in (["visual"], ["meshes"]):
+            with suppress(InvalidInputError):
+                model = compiled(drop=drop)
+                break
+        else:
+            raise
+        print(f"Without {drop[0]}, since {error}")
     if locks := _locks(arguments.lock):
         model = compiled(joints=locks)
     if base := six_axis_base(model):

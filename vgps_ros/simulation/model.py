@@ -8,8 +8,8 @@ are three, `attitude/w` to `attitude/z` for a quaternion, and `fromto/0`, `fromt
 import multiprocessing
 import resource
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import lru_cache
 from itertools import product
 from multiprocessing.connection import Connection
@@ -98,33 +98,31 @@ def compile_model(mjcf: str, *, is_tried: bool = False) -> mujoco.MjModel:
 
 @lru_cache(maxsize=16)
 def _try_text(mjcf: str) -> None:
-    try_model(lambda: mjcf, reads_files=False)
+    try_model(lambda: [mjcf], _SECONDS)
 
 
-def try_model(make: Callable[[], str], *, reads_files: bool = True) -> str:
-    """Returns the MJCF text of a robot that a function makes, if it suits a small process.
+def try_model(make: Callable[[], Iterable[str]], seconds: int | None = None) -> str:
+    """Returns the first of some MJCF texts that compiles in a small process without any file.
 
-    The function runs in a child process, which also compiles the text. What a model asks for is not
-    to be told from its text, so this limits time and memory, and whether files can be opened.
+    What a model asks for is not to be told from its text, so a child process makes the texts, and
+    compiles them, with limits of time and memory.
 
     Args:
-        make: the function.
-        reads_files: whether the function may open files; the text that it returns needs none.
+        make: returns the texts; it may open files.
+        seconds: of the processor that the child may take [s].
 
     Raises:
-        InvalidInputError: the function raises one, the text does not compile, or asks for too much.
+        InvalidInputError: `make` raises one, no text compiles, or one asks for too much.
     """
-    processes = multiprocessing.get_context("fork")  # which takes milliseconds
+    processes, seconds = multiprocessing.get_context("fork"), seconds or _OWN_SECONDS
     found, finds = processes.Pipe(duplex=False)
-    seconds = _OWN_SECONDS if reads_files else _SECONDS
-    arguments = (seconds, reads_files, make, finds)
-    child = processes.Process(target=_make_within, args=arguments, daemon=True)
-    child.start()
+    child = processes.Process(target=_make_within, args=(seconds, make, finds), daemon=True)
+    child.start()  # a fork takes milliseconds
     finds.close()
+    answer = b""
     try:
-        answer = found.recv_bytes() if found.poll(3 * seconds) else b""
-    except EOFError:
-        answer = b""
+        with suppress(EOFError):
+            answer = found.recv_bytes() if found.poll(3 * seconds) else b""
     finally:
         child.kill()
         child.join()
@@ -133,28 +131,34 @@ def try_model(make: Callable[[], str], *, reads_files: bool = True) -> str:
             f"The robot's MJCF does not compile: it takes more than {seconds} s or "
             f"{_BYTES >> 30} GiB, or ends its process; leave out large meshes, copies and sizes."
         )
-    if (text := answer[1:].decode()) and answer[:1] == _REFUSED:
+    text = answer[1:].decode()
+    if answer[:1] == _REFUSED:
         raise InvalidInputError(text)
     return text
 
 
-def _make_within(
-    seconds: int, reads_files: bool, make: Callable[[], str], finds: Connection
-) -> None:
-    """Sends what a function makes, or the sentence of its error, within limits."""
+def _make_within(seconds: int, make: Callable[[], Iterable[str]], finds: Connection) -> None:
+    """Sends the first text that compiles, or the sentence of the last error, within limits."""
     if sys.platform == "linux":  # macOS limits no process's memory
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         _limit(resource.RLIMIT_AS, used + _BYTES)
     _limit(resource.RLIMIT_CPU, seconds)
+    _, most = files = resource.getrlimit(resource.RLIMIT_NOFILE)
+    answer = b""
     try:
-        with nullcontext() if reads_files else no_files():
-            text = make()
-        with no_files():
-            model = compile_model(text, is_tried=True)
-            mujoco.mj_forward(model, mujoco.MjData(model))
-        finds.send_bytes(b"+" + text.encode())
+        for text in make():
+            resource.setrlimit(resource.RLIMIT_NOFILE, (0, most))  # it opens no file
+            try:
+                model = compile_model(text, is_tried=True)
+                mujoco.mj_forward(model, mujoco.MjData(model))
+                answer = b"+" + text.encode()
+                break
+            except InvalidInputError as error:
+                answer = _REFUSED + str(error).encode()
+            resource.setrlimit(resource.RLIMIT_NOFILE, files)
     except InvalidInputError as error:
-        finds.send_bytes(_REFUSED + str(error).encode())
+        answer = _REFUSED + str(error).encode()
+    finds.send_bytes(answer)
 
 
 def _limit(kind: int, most: int) -> None:
@@ -162,17 +166,6 @@ def _limit(kind: int, most: int) -> None:
     _, hard = resource.getrlimit(kind)
     least = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(kind, (least, hard))
-
-
-@contextmanager
-def no_files() -> Iterator[None]:
-    """Lets this process open no file within a block."""
-    former = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (0, former[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_NOFILE, former)
 
 
 def _check_awake(model: mujoco.MjModel) -> None:

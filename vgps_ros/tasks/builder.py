@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Builds a task from a task file and the robot's MJCF."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -15,7 +15,7 @@ import numpy as np
 from vgps_ros.core.augmentation import Augmentation, Mirror, swap_parts
 from vgps_ros.core.checks import known, matching, quote
 from vgps_ros.core.cost import FeatureCost, Following
-from vgps_ros.core.errors import InvalidInputError, Place, at_entry, refuse_if
+from vgps_ros.core.errors import Place, at_entry, refuse_if
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
 from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
@@ -27,7 +27,6 @@ from vgps_ros.simulation.model import (
     compile_model,
     deviation_names,
     joint_names,
-    no_files,
     scalar_names,
     sensor_numbers,
     try_model,
@@ -443,25 +442,8 @@ def _join_columns(columns: Iterable[Array], steps: int) -> Array:
     return values[0] if (values == values[0]).all() else values
 
 
-def model_spec(task: TaskFile, folder: Path) -> mujoco.MjSpec:
-    """Returns the model of a task in a folder with its changes and sensors; it does compile.
-
-    Raises:
-        InvalidEntryError: the model does not compile, or a change names what it lacks.
-    """
-    changes, sensors = msgspec.to_builtins((task.changes, task.sensors))
-    spec = changed_spec(find_model(task.model, folder), changes, sensors)
-    refuse_if(
-        not is_multiple(task.control_period, spec.option.timestep),
-        f"it is {task.control_period:g} s, but it must be a multiple of the model's time step, "
-        f"{spec.option.timestep:g} s.",
-        "control_period",
-    )
-    return spec
-
-
 def model_text(task: TaskFile, document: Document) -> str:
-    """Returns the model as one MJCF text that needs no other file.
+    """Returns the model with its changes and sensors as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
     orientation of its inertias in the last bits. Another process makes it, but of a built-in task.
@@ -470,26 +452,25 @@ def model_text(task: TaskFile, document: Document) -> str:
         InvalidInputError: the model does not compile or asks for too much, or a change names what
             it lacks.
     """
-    path = find_model(task.model, document.folder)
-    is_built_in = path.is_relative_to(Path(__file__).parent)
+    path, changes = find_model(task.model, document.folder), msgspec.to_builtins(task.changes)
 
-    def text() -> str:
-        spec = model_spec(task, document.folder)
-        if task.changes == Changes() and not task.sensors:
-            with suppress(InvalidInputError, UnicodeDecodeError):
-                own = path.read_text()
-                if not is_built_in:
-                    with no_files():
-                        compile_model(own, is_tried=True)
-                return own
-        with at_entry("model"):
-            return self_contained(spec)
-
-    def text_or_error() -> str:
+    def texts() -> Iterator[str]:
         with document.name_lines():  # here, since of an error only its sentence comes back
-            return text()
+            spec = changed_spec(path, changes, msgspec.to_builtins(task.sensors))
+            step = spec.option.timestep
+            refuse_if(
+                not is_multiple(task.control_period, step),
+                f"it is {task.control_period:g} s, but it must be a multiple of the model's time "
+                f"step, {step:g} s.",
+                "control_period",
+            )
+            if task.changes == Changes() and not task.sensors:
+                with suppress(UnicodeDecodeError):
+                    yield path.read_text()
+            with at_entry("model"):
+                yield self_contained(spec)
 
-    return text() if is_built_in else try_model(text_or_error)
+    return next(texts()) if path.is_relative_to(Path(__file__).parent) else try_model(texts)
 
 
 def start_state(start: Start, model: mujoco.MjModel) -> Array:

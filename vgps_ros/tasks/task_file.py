@@ -24,7 +24,6 @@ untrusted: no objects are made, and anchors and aliases are refused. Numbers are
 in which `1e-4` is a number and `yes` is a text. A key without a value counts as left out.
 """
 
-import importlib.util
 import json
 import os
 import re
@@ -55,6 +54,7 @@ from vgps_ros.core.errors import (
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
 from vgps_ros.core.signals import SOURCE
+from vgps_ros.simulation.packages import package_folders
 from vgps_ros.simulation.sensor_types import OBJECTS, SENSOR_TYPES
 from vgps_ros.tasks.schema import (
     Begin,
@@ -492,7 +492,7 @@ def find_model(reference: str, folder: Path) -> Path:
             raise InvalidInputError(
                 f"it is {quote(reference)}, but it must be package://PACKAGE/PATH inside a package."
             )
-        folders = _package_folders(found[1])
+        folders = package_folders(found[1])
         refuse_if(
             not folders,
             f"there is no package {found[1]}, neither of Python nor in AMENT_PREFIX_PATH; install "
@@ -500,18 +500,6 @@ def find_model(reference: str, folder: Path) -> Path:
         )
         existing = (folder for folder in folders if (folder / found[2]).is_file())
         return existing_file(next(existing, folders[0]), found[2])
-
-
-def _package_folders(name: str) -> list[Path]:
-    """Returns the folders of a Python package and of a ROS package of this name."""
-    try:
-        found = importlib.util.find_spec(name)
-    except (ImportError, ValueError):  # of modules that are half there
-        found = None
-    python = (found.submodule_search_locations if found else None) or []
-    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
-    shared = [Path(prefix) / "share" / name for prefix in prefixes]
-    return [folder for folder in (*map(Path, python), *shared) if folder.is_dir()]
 
 
 def _check(task: TaskFile, given: Mapping[str, Any], folder: Path) -> None:

@@ -265,6 +265,7 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
     speed = 0.5 * length if robot.kind == "swimmer" else 1.0  # half its length in a second [m/s]
     feet, steps, slips = list[str](), list[str](), list[str]()
+    ground = ground_of(robot)
     when, still = "", list[str]()
     if robot.hops:  # it stands as it starts
         when, at = ", when: moving", model.jnt_qposadr
@@ -272,7 +273,7 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         still = [f"sensor: {j}/position, target: {_flow(q)}" for j, q in places.items()]
     for i, foot in enumerate(robot.feet):  # they swing in turn, at the clock's rhythm
         name = _flow(robot.new_sensor(f"foot_{i + 1}"))
-        rest = data.geom_xpos[foot, 2] - ground_of(robot)  # its height while it is down
+        rest = data.geom_xpos[foot, 2]  # its height while it is down
         phase = 0.5 * (i % 2)
         swing = _flow({"swing": numbers["swing"], "phase": phase, "rest": rest})
         geom = _flow(model.geom(foot).name)
@@ -280,7 +281,7 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         weight = _flow(numbers["stepping"])
         steps.append(f"{{sensor: {name}, index: z, target: {swing}, weight: {weight}{when}}}")
         # The middle of a whole shank moves while its end stands; what hops was not tried.
-        if rest > _LOW * leg or robot.hops:
+        if rest - ground > _LOW * leg or robot.hops:
             continue
         speed_of = _flow(robot.new_sensor(f"foot_{i + 1}_speed"))
         feet.append(f"{speed_of}: {{type: framelinvel, geom: {geom}}}")
@@ -298,8 +299,8 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "speed": sign * speed,
         "per_speed": speed**-2,
         "rises": robot.height > 0.0,
-        "height": robot.height,
-        "low": 0.55 * robot.height,
+        "height": ground + robot.height,
+        "low": ground + 0.55 * robot.height,
         "leans": ["xyz"[i] for i in leans],
         "upright": [robot.frame[2, i] for i in leans],
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,

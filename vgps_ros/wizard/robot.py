@@ -436,8 +436,15 @@ def touching_geoms(model: mujoco.MjModel) -> Mask:
 
 
 def ground_of(robot: Robot) -> float:
-    """Returns the height of the model's level planes, or 0 [m]."""
-    return float(robot.data.geom_xpos[ground_planes(robot), 2].max(initial=0.0))
+    """Returns the height of the level planes, or of a height field under the root, or 0 [m]."""
+    model, data, heights = robot.model, robot.data, [0.0]
+    heights += data.geom_xpos[ground_planes(robot), 2].tolist()
+    for i in np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD):
+        top = data.geom_xpos[i, 2] + 2.0 * model.stat.extent
+        above = np.append(data.xpos[robot.root][:2], top)
+        way = mujoco.mj_rayHfield(model, data, i, above, np.array([0.0, 0.0, -1.0]))
+        heights += [top - way] * (way >= 0.0)
+    return float(max(heights))
 
 
 def ground_planes(robot: Robot) -> Mask:

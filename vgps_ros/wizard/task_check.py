@@ -195,7 +195,9 @@ def _optimize(
         q = optimize(quick, request, note, is_late, start).distribution
         found.optimized = q.mean
     except VgpsError as error:
-        found.troubles.append(f"DDP fails: {error}")
+        # What is wrong at the start is the cause of an indefinite Quu, and no setting helps.
+        if getattr(error, "status", "") != "indefinite_quu" or not found.troubles:
+            found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
     gain = 1.0 - found.costs[-1] / found.costs[-2] if found.costs[1:] and found.costs[-2] else 0.0
     if found.seconds > seconds and gain > _SMALL:
@@ -219,14 +221,21 @@ def _at_start(task: Task) -> list[str]:
     data = mujoco.MjData(model)
     data.qpos[:] = task.initial_state[: model.nq]
     mujoco.mj_forward(model, data)
-    deep = sorted(data.contact, key=lambda contact: contact.dist)[:1]
-    if deep and deep[0].dist < -_DEEP * model.stat.extent:
-        one, other = (model.geom(int(i)).name for i in deep[0].geom)
+    for contact in sorted(data.contact, key=lambda contact: contact.dist):
+        # MuJoCo leaves out contacts of a link with what carries it, but for a base that stands.
+        base, link = sorted(model.geom_bodyid[contact.geom])
+        is_carried = bool(model.body_parentid[model.body_weldid[link]] == base > 0)
+        is_carried &= bool(model.body_weldid[base] == 0)
+        if contact.dist >= (0.0 if is_carried else -_DEEP * model.stat.extent):
+            continue
+        one, other = (model.geom(int(i)).name for i in contact.geom)
+        why = " though one carries the other" * is_carried
         troubles.append(
-            f"At the start the geoms {one} and {other} are {-deep[0].dist:.2g} m inside each "
-            "other, which throws the robot off: change the start (start: positions), or leave this "
-            "contact out (changes: only_contacts)."
+            f"At the start the geoms {one} and {other} are {-contact.dist:.2g} m inside each "
+            f"other{why}, which throws the robot off: change the start (start: positions), or "
+            "leave this contact out (changes: only_contacts)."
         )
+        break
     for i in np.flatnonzero(model.jnt_limited & (model.jnt_type >= 2)):
         at, (low, high) = data.qpos[model.jnt_qposadr[i]], model.jnt_range[i]
         if not low - 0.01 <= at <= high + 0.01:
