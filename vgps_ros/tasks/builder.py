@@ -81,7 +81,8 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
     refuse_if(
         signals.stops and state_layout(model).base is None,
         "only a robot on a free base feels when it has to step again; leave it out.",
-        *("clock", "stops"),
+        "clock",
+        "stops",
     )
     steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
     context = signals.held(signals.nominal, sum(steps))
@@ -351,7 +352,8 @@ def _cost(file: TaskFile, read: _Reader, start: Array, folder: Path) -> FeatureC
             not any(row[i] for row in linear),
             "no cost reads it, so that nothing is learned of it; let the target of a term follow "
             f"it, as in `target: {{command: {command.name}}}`, or leave it out.",
-            *("commands", command.name),
+            "commands",
+            command.name,
         )
     following = None
     if np.any([*linear, *lifted]) or any(whens):

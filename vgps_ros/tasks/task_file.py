@@ -591,13 +591,15 @@ def _check_times(task: TaskFile) -> None:
             clock.frequency > fastest,
             f"it is {clock.frequency:g} Hz, but with a control_period of {period:g} s it must be "
             f"at most {fastest:g} Hz, two controls a turn.",
-            *("clock", "frequency"),
+            "clock",
+            "frequency",
         )
         refuse_if(
             clock.stops and not task.commands,
             "the clock would never turn, since the task has no commands that could be other than "
             "at rest; add one, or leave it out.",
-            *("clock", "stops"),
+            "clock",
+            "stops",
         )
     steps = round((task.horizon + task.lookahead) / period)
     refuse_if(
@@ -622,7 +624,8 @@ def _check_term(term: CostTerm, given: Mapping[str, Any], folder: Path) -> None:
             refuse_if(
                 name in names[:i],
                 "this entry stands twice; leave one of them out.",
-                *("control", i),
+                "control",
+                i,
             )
     refuse_if(
         "width" in given and term.norm != "smooth_abs",
