@@ -2,10 +2,11 @@
 """A robot's driver, as a vendor writes one: MuJoCo's physics with contacts, in its own process.
 
 It has nothing of this project but the robot's model. It publishes `joint_states` and `imu` by best
-effort with stamps of the wall clock, each at a rate of its own, and gives its servos the newest
-targets on `joint_command`. Before the first one, or with --sway, a controller of its own drives.
-Where the base is, is on `truth`. A word on the topic `fault` changes what it sends from then on; an
-empty one ends this.
+effort, each at a rate of its own, with stamps that begin by the wall clock and go with the physics,
+and gives its servos the newest targets on `joint_command`. Before the first one, or with --sway, a
+controller of its own drives. Where the base is, and as its child frame what but feet touches the
+floor, is on `truth`. A word on the topic `fault` changes what it sends from then on; an empty one
+ends this.
 
     python -m tests.nodes.contact_robot robot.xml --rate 200 --sway 0.1
 """
@@ -58,6 +59,7 @@ class ContactRobot:
         self.node.create_subscription(JointState, "joint_command", self.take, 10)
         self.node.create_subscription(String, "fault", self.take_fault, 10)
         self.late: list[JointState] = []
+        self.began, self.ticks = time.time(), 0
 
     def take(self, message: JointState) -> None:
         self.is_driven = True
@@ -71,6 +73,9 @@ class ContactRobot:
             self.data.qpos[2] += 0.1
             self.data.qpos[3:7] = UPSIDE_DOWN
             self.data.qvel[:] = 0.0
+        if self.fault == "reset":  # it stands in its own controller's hold
+            mujoco.mj_resetDataKeyframe(self.model, self.data, 0)
+            self.is_driven = False
 
     def advance(self, ticks: int) -> None:
         """Advances the physics by some steps."""
@@ -82,7 +87,7 @@ class ContactRobot:
             mujoco.mj_step(self.model, self.data)
 
     def stamp(self, message: object) -> None:
-        seconds = time.time() - 5.0 * (self.fault == "stale")
+        seconds = self.began + self.ticks * STEP - 5.0 * (self.fault == "stale")
         header = message.header.stamp
         header.sec, header.nanosec = int(seconds), int(seconds % 1.0 * 1e9)
 
@@ -129,15 +134,25 @@ class ContactRobot:
             target.x, target.y, target.z = values.tolist()
         self.imu.publish(message)
 
+    def touching(self) -> list[int]:
+        """The geoms but feet that touch the floor."""
+        geoms = {int(g) for g in self.data.contact.geom.ravel() if self.model.geom_bodyid[g] > 0}
+        return [g for g in geoms if not self.model.geom(g).name.endswith("foot")]
+
     def send_truth(self) -> None:
         message = Odometry()
+        seconds = self.ticks * STEP  # of physics since the begin
+        message.header.stamp.sec = int(seconds)
+        message.header.stamp.nanosec = int(seconds % 1.0 * 1e9)
         at, to = message.pose.pose.position, message.pose.pose.orientation
         at.x, at.y, at.z = self.data.qpos[:3].tolist()
         to.w, to.x, to.y, to.z = self.data.qpos[3:7].tolist()
+        bodies = {self.model.body(self.model.geom_bodyid[g]).name for g in self.touching()}
+        message.child_frame_id = ",".join(sorted(bodies))
         self.truth.publish(message)
 
     def run(self) -> None:
-        """Runs in real time, or slower where the machine cannot, until a signal comes."""
+        """Runs at its pace, or slower where the machine cannot, until a signal comes."""
         ending: list[int] = []
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda n, _: ending.append(n))
@@ -148,18 +163,18 @@ class ContactRobot:
             self.send_imu: 1.0 / self.given.imu_rate,
             self.send_truth: 0.02,
         }
-        next_of, began, ticks = dict.fromkeys(due, 0.0), time.monotonic(), 0
+        next_of, began, step = dict.fromkeys(due, 0.0), time.monotonic(), STEP / self.given.pace
         while not ending:
-            executor.spin_once(timeout_sec=STEP / 2)
-            behind = int((time.monotonic() - began) / STEP) - ticks
-            if behind > 25:  # a busy machine: its time stands still for what is beyond
-                began += (behind - 25) * STEP
-                behind = 25
+            executor.spin_once(timeout_sec=step / 2)
+            behind = int((time.monotonic() - began) / step) - self.ticks
+            if behind > 5:  # a busy machine: its time stands still for what is beyond
+                began += (behind - 5) * step
+                behind = 5
             for _ in range(behind):
                 self.advance(1)
-                ticks += 1
+                self.ticks += 1
                 for send, period in due.items():
-                    if ticks * STEP >= next_of[send]:
+                    if self.ticks * STEP >= next_of[send]:
                         next_of[send] += period
                         send()
 
@@ -169,6 +184,7 @@ def main() -> None:
     parser.add_argument("model")
     parser.add_argument("--rate", type=float, default=200.0)
     parser.add_argument("--imu-rate", type=float, default=200.0)
+    parser.add_argument("--pace", type=float, default=1.0)  # of real time
     parser.add_argument("--order", default="")
     parser.add_argument("--missing", default="")
     parser.add_argument("--upside-down", action="store_true")

@@ -92,8 +92,8 @@ STATE_QOS = Setting(
     "reliable",
     "reliable: no state of a simulation is lost, as lock-step needs, and all of a state has one "
     "stamp; sensor_data: best effort, which takes every driver of a real robot, whose sensors have "
-    "stamps of their own, other than zero; of states that come more often, one is answered in each "
-    "control period",
+    "stamps of their own, other than zero; by both, of states that come more often than once in a "
+    "control period one is answered in each",
     choices=("reliable", "sensor_data"),
 )
 SENSOR_TOLERANCE = Setting(
@@ -309,9 +309,10 @@ class Controller(LifecycleNode):
         self._collector = NewestMeasurements(
             self._states,
             value(self, SENSOR_TOLERANCE) if self._is_real else time_step / 2,
-            time_step if self._is_real else 0.0,
+            time_step,
             value(self, VELOCITY_FILTER),
             self._tell_differences,
+            is_simulated=not self._is_real,
         )
         self._sensors = {}
         for name, sensor in self._states.sources.items():
