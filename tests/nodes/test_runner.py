@@ -44,6 +44,34 @@ raise SystemExit(code)
 """
 
 
+_INTERRUPTED = """
+import os, signal
+from rclpy.node import Node
+from vgps_ros.ros_runtime.runner import Runnable, run
+
+def make():
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    except KeyboardInterrupt as interrupt:
+        raise ImportError("initialization failed") from interrupt  # as extensions in C do
+    return Node("late")
+
+raise SystemExit(run(Runnable(make)))
+"""
+
+
+def test_a_signal_while_a_node_imports_its_packages_ends_it_without_a_traceback(graph):
+    ended = subprocess.run(
+        [sys.executable, "-c", _INTERRUPTED],
+        env={**os.environ, "ROS_DOMAIN_ID": str(graph.domain_id)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr) == (0, "")
+
+
 @pytest.mark.parametrize("place", ["constructor", "callback", "closing"])
 def test_a_node_whose_code_fails_says_where_and_closes_its_sockets(graph, place):
     ended = subprocess.run(

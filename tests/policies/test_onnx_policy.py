@@ -201,7 +201,7 @@ def of_nan():
         (two_inputs, r"has the inputs \['obs', 'hidden'\], but it must have one"),
         (of_integers, r"reads a tensor\(int64\)"),
         (of_a_stranger, "the operator 'com.example.Gemm'"),
-        (external, "keeps tensors in another file"),
+        (external, "in another file, which is not read; .* join them: python -c .import onnx;"),
         (external_in_a_constant, "in another file"),
         (endless, "the operator 'Loop', which is none of those"),
         (outer_products, "a node 'MatMul' that gives 1.52588e.11 numbers, but at most 524288"),

@@ -54,6 +54,7 @@ ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS
 IMU = "imu"
 _UNIT_TOLERANCE = 1e-3  # of a quaternion's length: a driver may compute in single precision
 _PATIENCE = 1000  # incomplete states that are kept
+_DRIVERS = 64  # sets of joints whose velocities are differences
 
 
 class StateMessages:
@@ -381,6 +382,8 @@ class JointParts:
             velocity = rate if velocity is None else rate + kept * (velocity - rate)
         elif passed < 0.0:  # time was set back
             velocity = None
+        if len(self._moving) >= _DRIVERS and names not in self._moving:
+            del self._moving[next(iter(self._moving))]
         self._moving[names] = stamp, here, velocity
         if velocity is None:
             return None
@@ -402,8 +405,9 @@ class NewestMeasurements:
         states: tells the topics and the joints that lack to a state.
         tolerance: largest difference between the stamp of `joint_states` and another one [s].
         period: time of a control step, in which one state is made of a robot that measures more
-            often; 0: each state of a simulation counts, and each message is used once, since a
-            state may come again with other values [s].
+            often, so that no policy runs faster than it learned [s].
+        is_simulated: whether each message is used once, since a state of a simulation may come
+            again with other values.
         smoothing: see `JointParts`, as `tell`.
         tell: called before the first velocities that are differences.
     """
@@ -412,11 +416,13 @@ class NewestMeasurements:
         self,
         states: StateMessages,
         tolerance: float,
-        period: float = 0.0,
+        period: float,
         smoothing: float = 0.0,
         tell: Callable[[], object] = lambda: None,
+        *,
+        is_simulated: bool = False,
     ):
-        self._lacking = states.lacking
+        self._lacking, self._is_simulated = states.lacking, is_simulated
         self._tolerance, self._period = round(tolerance * 1e9), round(period * 1e9)  # [ns]
         self._joints = JointParts(states, self._tolerance, smoothing, tell)
         self._newest: dict[str, Any] = {}
@@ -433,18 +439,18 @@ class NewestMeasurements:
         if not self._is_new:
             return None
         stamp = nanoseconds(self._newest[JOINTS].header.stamp)
-        # Measured too early for the next control, or overtaken by a later message.
-        is_early = 0.1 * self._period < self._due - stamp <= 2 * self._period
+        # Measured too early for the next control; of a robot, or overtaken by a later message.
+        back = self._period * (1 if self._is_simulated else 2)
+        is_early = 0.1 * self._period < self._due - stamp < back
         if is_early and not self.takes_all and stamp not in (0, self._last):
             return None
         near = self._near(stamp)
         if self._lacking(near):
             return None
         self._is_new, self._last = False, stamp
-        if self._period:
-            is_regular = abs(stamp - self._due) < self._period
-            self._due = (self._due if is_regular else stamp) + self._period
-        else:
+        is_regular = abs(stamp - self._due) < self._period
+        self._due = (self._due if is_regular else stamp) + self._period
+        if self._is_simulated:
             self._newest = {}
         return near
 

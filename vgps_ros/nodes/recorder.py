@@ -27,7 +27,6 @@ from rclpy.qos import (
     qos_profile_parameter_events,
 )
 from rclpy.task import Future
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume
 
 from vgps_ros.bags import BagWriter
@@ -184,7 +183,7 @@ class Recorder(Node):
         health.report("pace", error=fast if missed > self._missed_before else "")
         self._lost, self._missed_before = writer.lost, missed
 
-    def _record(self, topic: str, kind: str, publishers: Sequence[TopicEndpointInfo]) -> None:
+    def _record(self, topic: str, kind: str, publishers: Sequence[Any]) -> None:
         offered = [profile_in_bag(info.qos_profile) for info in publishers]
         try:
             kind_class = message_type(kind)

@@ -130,11 +130,15 @@ def parsed(content: bytes, name: str) -> Any:
             f"{_MOST_PARTS}: use a smaller network."
         )
     tensors = (*graph.initializer, *(each.t for n in graph.node for each in n.attribute))
-    is_outside = any(t.data_location == t.EXTERNAL or t.external_data for t in tensors)
-    if is_outside or model.functions or graph.sparse_initializer:
+    if any(t.data_location == t.EXTERNAL or t.external_data for t in tensors):
         raise InvalidInputError(
-            f"{name} keeps tensors in another file, which is not read, or has local functions or "
-            "sparse tensors; export it with all weights inside, dense, and functions inlined."
+            f"{name} keeps its weights in another file, which is not read; if you trust both, join "
+            'them: python -c \'import onnx; onnx.save(onnx.load("FILE.onnx"), "WHOLE.onnx")\'.'
+        )
+    if model.functions or graph.sparse_initializer:
+        raise InvalidInputError(
+            f"{name} has local functions or sparse tensors; export it with functions inlined and "
+            "weights dense."
         )
     for node in graph.node:
         if node.domain not in ("", "ai.onnx") or node.op_type not in _OPERATORS:

@@ -50,20 +50,21 @@ class CommandSender:
 
     Attributes:
         topics: of the commands.
+        kind: their type.
     """
 
     def __init__(self, node: Node, names: Sequence[str]):
         self._node, self._sent = node, 0
         self._is_plain = declare(node, COMMAND_TYPE) == "float64_multi_array"
+        self.kind: Any = Float64MultiArray if self._is_plain else JointState
         self.topics = ["commands" if self._is_plain else "joint_command"]
         if "," in declare(node, COMMAND_INTERFACES) and self._is_plain:
             self.topics = [f"{name}/commands" for name in names]
 
     def open(self, health: Health) -> None:
         """Makes the publishers; the number of commands is on /diagnostics, for a check of bags."""
-        kind: Any = Float64MultiArray if self._is_plain else JointState
         make, qos = self._node.create_publisher, lively(STATES)
-        self._publishers = [make(kind, topic, qos) for topic in self.topics]
+        self._publishers = [make(self.kind, topic, qos) for topic in self.topics]
         self._health = health
         health.set_value(COMMANDS_SENT, self._sent)
 

@@ -66,6 +66,7 @@ from vgps_ros.ros_runtime.qos import (
 )
 from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.services import steady_timer
+from vgps_ros.ros_runtime.shadow import Look
 from vgps_ros.ros_runtime.training_results import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.safety.settings import SafetySettings
@@ -91,8 +92,8 @@ STATE_QOS = Setting(
     "reliable",
     "reliable: no state of a simulation is lost, as lock-step needs, and all of a state has one "
     "stamp; sensor_data: best effort, which takes every driver of a real robot, whose sensors have "
-    "stamps of their own, other than zero; of states that come more often, one is answered in each "
-    "control period",
+    "stamps of their own, other than zero; by both, of states that come more often than once in a "
+    "control period one is answered in each",
     choices=("reliable", "sensor_data"),
 )
 SENSOR_TOLERANCE = Setting(
@@ -131,6 +132,12 @@ IMU_FRAME = Setting(
     "",
     "the model's site or body at which the IMU sits; empty: the one that the messages on imu name",
 )
+SHADOW = Setting(
+    "shadow",
+    False,
+    "whether to command nothing and to say what is wrong with a robot that runs: its sensors, its "
+    "joints' order, and the policy's answers beside what drives it now",
+)
 _PERIOD = 1.0  # over which figures are taken [s]
 _RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
 _OF_REAL_ROBOTS: dict[str, Any] = {
@@ -161,6 +168,7 @@ class Controller(LifecycleNode):
         self._needs_policy = needs_policy
         self._sender = CommandSender(self, self.robot.controls.names)
         self._is_real = declare(self, STATE_QOS) == "sensor_data"
+        self._is_shadow = declare(self, SHADOW)
         self._frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
         smoothing = self.robot.time_step if self._is_real else 0.0
         filtered = replace(VELOCITY_FILTER, default=smoothing)
@@ -176,6 +184,8 @@ class Controller(LifecycleNode):
         usual = {**_OF_REAL_ROBOTS, "torque_rate_limit": rate} if self._is_real else {}
         settings = SafetySettings(torque_limits=limits, **usual)
         self._settings = declare_settings(self, settings)
+        if self._is_shadow:  # which judges each state anew
+            self._settings = replace(self._settings, recovery="automatic")
         self._poses = declare_settings(self, PoseSettings())
         base_frame = StateMessages(self.robot.layout, **self._frames).base_frame
         robot = self.robot
@@ -183,11 +193,13 @@ class Controller(LifecycleNode):
         waking = Waking(unrest, robot.time_step) if unrest else None
         self.instructions = Instructions(self, self.robot.signals, base_frame, waking)
         self._told_of = self.robot.signals, self.robot.controls.names
-        self.health = Health(self, owns=self._sender.topics, when_alone=when_alone)
+        owns = [] if self._is_shadow else self._sender.topics
+        self.health = Health(self, owns=owns, when_alone=when_alone)
         self.instructions.report_to(self.health)
         self._until: float | None = None  # when a deactivation ends, by the steady clock [s]
         self._set_active(False)
-        self._sender.open(self.health)
+        if not self._is_shadow:
+            self._sender.open(self.health)
         self._watchdog = steady_timer(self, self.robot.time_step, self._watch)
         self._watchdog.cancel()  # until there is a first answer
         self._emergency = ""  # why nothing may move
@@ -283,22 +295,29 @@ class Controller(LifecycleNode):
         )
         # Of a real robot no other node of this project tells it, and a bag needs it.
         self.create_publisher(String, MJCF, LATEST).publish(String(data=robot.mjcf))
-        gains = gains_to_msg(controls, self.get_clock().now().to_msg())
-        self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
         self._states = StateMessages(robot.layout, is_blind=self._is_blind(), **self._frames)
+        self._look: Look | None = None
+        if self._is_shadow:
+            given = robot, self._states, self._sender, self.training
+            self._look = Look(self, self.health, *given)
+        else:
+            gains = gains_to_msg(controls, self.get_clock().now().to_msg())
+            self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
         also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
         source = "the robot's drivers" if self._is_real else "simulation"
         self._awaited = f"{' and '.join(self._states.needed)}{also} from {source}"
         self._collector = NewestMeasurements(
             self._states,
             value(self, SENSOR_TOLERANCE) if self._is_real else time_step / 2,
-            time_step if self._is_real else 0.0,
+            time_step,
             value(self, VELOCITY_FILTER),
             self._tell_differences,
+            is_simulated=not self._is_real,
         )
         self._sensors = {}
         for name, sensor in self._states.sources.items():
-            real = PARTS_OF_SENSORS if name == JOINTS else NEWEST_OF_SENSORS
+            has_many = name == JOINTS or self._is_shadow
+            real = PARTS_OF_SENSORS if has_many else NEWEST_OF_SENSORS
             events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, name))
             take, qos = partial(self._take_measurement, name), real if self._is_real else NEWEST
             made = self.create_subscription(sensor, name, take, qos, event_callbacks=events)
@@ -356,6 +375,8 @@ class Controller(LifecycleNode):
         self._supervisor.begin()
         self._set_active(True)
         self._take_pose("drive")
+        if self._look:
+            self._look.begin()
         self.training.wait()
         self.health.wait_for(self._awaited)
         self._since = time.monotonic()
@@ -396,6 +417,8 @@ class Controller(LifecycleNode):
         if self._until is None:
             return
         self._until = None
+        if self._look:
+            self._look.end()
         self._watchdog.cancel()
         self.health.clear("state", "distance", "sensors")
         if last := self._supervisor.stop():
@@ -420,10 +443,13 @@ class Controller(LifecycleNode):
     def _answer_pose(
         self, name: str, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        response.success = self._active and not self._supervisor.is_latched
+        is_free = not (self._is_shadow or self._supervisor.is_latched)
+        response.success = self._active and is_free
         if response.success:
             self._take_pose(name, is_driven=self._pose is None)
             response.message = f"It {self._pose.name}." if self._pose else "It is driven."
+        elif self._is_shadow:
+            response.message = "It is a shadow, which moves nothing: start it without shadow."
         elif self._active and not self._supervisor.has_stopped:
             fault = self._supervisor.fault
             response.message = f"Deactivate and activate the node first: {fault}"
@@ -443,7 +469,7 @@ class Controller(LifecycleNode):
             "hold": ("holds its pose", None, 0.0),
             "sit": ("sits down", self._sitting if poses.sit_keyframe else None, poses.sit_duration),
         }[name]
-        is_short = self._has_law and not duration
+        is_short = self._is_shadow or (self._has_law and not duration)
         first = self._standing if is_driven and self.robot.layout.base else None
         last = self._carrying if is_driven else self._supervisor.last_control
         given = says, controls, poses, goal, duration, first, last
@@ -485,12 +511,16 @@ class Controller(LifecycleNode):
     def _take_measurement(self, topic: str, message: Any) -> None:
         if not self._active and self._until is None:
             return
-        messages = self._collector.add(topic, message)
+        waiting, messages = [message], None
         # Of a real robot the newest state is answered, whatever else waits.
         while self._is_real and (
             taken := self._sensors[topic].handle.take_message(type(message), False)
         ):
-            messages = self._collector.add(topic, taken[0]) or messages
+            waiting.append(taken[0])
+        for each in waiting:
+            if self._look:
+                self._look.hear(topic, each)
+            messages = self._collector.add(topic, each) or messages
         if messages:
             self.health.clear("sensors")
             self._take_state(messages)
@@ -522,6 +552,8 @@ class Controller(LifecycleNode):
         try:
             state = self._states.join(messages)
             stamp = nanoseconds(messages[JOINTS].header.stamp)
+            if self._look:
+                self._look.see(state, stamp)
             if self._is_real and stamp == 0:
                 raise InvalidInputError(
                     "the state's stamp is 0, but it must be the time of the measurement; let the "
@@ -554,7 +586,9 @@ class Controller(LifecycleNode):
                 self._report()
 
     def _send(self, command: Answer | None) -> None:
-        if command:
+        if command and self._look:
+            self._look.compare(command.control)
+        elif command:
             self._sender.send(command)
 
     def _report(self) -> None:
@@ -564,6 +598,8 @@ class Controller(LifecycleNode):
         sentence = ""
         if supervisor.fault:
             sentence = f"Safe action active ({settings.safe_action}): {supervisor.fault}"
+            if self._is_shadow:
+                sentence = f"The policy would not drive: {supervisor.fault}"
             if settings.recovery == "manual":
                 sentence += " It stays until the node is deactivated and activated."
         self.health.report("state", error=sentence)

@@ -68,6 +68,7 @@ def run(*runnables: Runnable[Any]) -> int:
         import_module("vgps_ros.simulation.warnings").silence_mujoco()
     _on_signals(_interrupt_once)
     _initialise(sys.argv)
+    gc.freeze()  # what is imported by now takes no time at the end
     executors = {make: make() for make in dict.fromkeys(r.make_executor for r in runnables)}
     nodes: list[Node] = []
     code = 0
@@ -78,9 +79,10 @@ def run(*runnables: Runnable[Any]) -> int:
     except VgpsError as error:
         print(error, file=sys.stderr)
         code = 1
-    except Exception:
-        traceback.print_exc()
-        code = 1
+    except Exception as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):  # while a package was imported
+            traceback.print_exc()
+            code = 1
     _on_signals(lambda *_: None)  # a second one changes nothing
     rclpy.try_shutdown()  # ends what still waits
     while executors:
