@@ -99,7 +99,7 @@ def _show(found: "Identified") -> None:
         )
     telling, judging, strange = found.windows
     if strange:
-        print(f"{strange} windows were left out, since something else moved the robot there.")
+        print(f"Windows left out, since something else seems to move the robot there: {strange}.")
     (angle, speed), (better, slower) = found.errors
     print(
         f"Over {judging} windows that did not take part, beside {telling} that did, the model errs "

@@ -49,6 +49,7 @@ _STRENGTHS = (-0.15, -0.3, -0.45)  # tried, since a servo that never reaches its
 _STRENGTH, _LATENCY, _IMU = 4, 6, slice(7, None)  # places in θ
 _MARGIN = 0.05  # by which a model that is right about nothing else may be wrong beside its noise
 _ENDS = {"friction_loss": -1.0, "strength": 1.0, "mass": -1.0}  # sides of ranges
+_VISCOUS = "N·m·s/rad"
 _BOUND = 1e3  # of a residual, so that a window that diverges stays finite
 
 
@@ -148,7 +149,9 @@ def identify(task: Task, motions: Sequence[MeasuredMotion], body: str = "") -> I
     Raises:
         InvalidInputError: there is no such body, or the motions are too short.
     """
-    windows = [window for motion in motions for window in _windows(motion)]
+    steps = [step for motion in motions for step in np.diff(motion.time)]
+    period = float(np.median(steps)) if steps else 1.0
+    windows = [window for motion in motions for window in _windows(motion, period)]
     if len(windows) < _FEWEST:
         raise InvalidInputError(
             f"The motion has {len(windows)} stretches of {_SECONDS} s with states and commands "
@@ -183,11 +186,14 @@ def identify(task: Task, motions: Sequence[MeasuredMotion], body: str = "") -> I
         for x in (before, after)
     )
     found = {
-        name: p._replace(value=p.nominal + p.scale * t, std=p.scale * s, is_told=bool(is_told))
+        name: p._replace(value=p.nominal + p.scale * t, std=p.scale * s, is_told=True)
+        if is_told
+        else p._replace(value=p.nominal)
         for (name, p), t, s, is_told in zip(robot.parameters.items(), theta, std, told, strict=True)
     }
-    ends = np.array([_ENDS.get(k, 0.0) * p.spread / p.scale for k, p in found.items()])
-    ends = np.where(told, ends, 0.0)
+    ends = [
+        _ENDS[k] * p.spread / p.scale if k in _ENDS and p.is_told else 0.0 for k, p in found.items()
+    ]
     lowest = np.array([p.low for p in found.values()])
     return Identified(
         found,
@@ -228,12 +234,11 @@ class _Window(NamedTuple):
     controls: Array
 
 
-def _windows(motion: MeasuredMotion) -> list[_Window]:
+def _windows(motion: MeasuredMotion, period: float) -> list[_Window]:
     """Cuts a motion into windows of as many states each, in which nothing is missing."""
     time, commands = motion.time, motion.command_time
-    if len(time) < 2 or len(commands) < 2:
+    if len(commands) < 2:
         return []
-    period = float(np.median(np.diff(time)))
     silence = _SILENCE * max(period, float(np.median(np.diff(commands))))
     lasting = np.diff(commands, prepend=commands[0])[:, None]
     told = np.cumsum(lasting * np.roll(motion.controls, 1, axis=0), axis=0)
@@ -272,10 +277,11 @@ class _Robot:
         gain, strength = _mean(task.controls.stiffness), _mean(self._limits[self._is_limited, 1])
         of_gain = ("servos' stiffness", "N·m/rad") if gain else ("motors' gain", "1")
         gain, mass, name = gain or 1.0, float(m.body_mass[body]), body_names(task.mjcf)[body]
-        rows = {
-            "damping": ("joints' damping", "N·m·s/rad", damping, _mean(self._damping), 0.95, 10),
-            "armature": ("rotors' inertia", "kg·m²", armature, _mean(self._armature), 0.95, 10),
-            "friction_loss": ("dry friction", "N·m", dry, _mean(self._friction), 0, 10),
+        viscous, rotor = 0.95 * bool(damping), 0.95 * bool(armature)
+        rows: dict[str, tuple[str, str, float, float, float, float]] = {
+            "damping": ("joints' damping", _VISCOUS, damping, _mean(self._damping), viscous, 10),
+            "armature": ("rotors' inertia", "kg·m²", armature, _mean(self._armature), rotor, 10),
+            "friction_loss": ("dry friction", "N·m", dry, _mean(self._friction), 0, 50),
             "gain": (*of_gain, gain, gain, 0.9, 4),
             "strength": ("largest torque", "N·m", strength, strength, 0.9, 1),
             "mass": (f"mass of {name}", "kg", mass, mass, 0.9, 4),
@@ -283,9 +289,7 @@ class _Robot:
         }
         for axis in ("roll", "pitch", "yaw") if is_blind else ():
             rows[f"imu_{axis}"] = (f"IMU's {axis}", "rad", 0.0, _TURN, 8, 8)
-        self.parameters = {
-            key: Parameter(*words, low=-low, high=high) for key, (*words, low, high) in rows.items()
-        }
+        self.parameters = {key: Parameter(*row)._replace(low=-row[4]) for key, row in rows.items()}
         self.start = np.array([0.2 if p.low == 0 else 0.0 for p in self.parameters.values()])
         at = np.arange(self.space.tangent_dim)
         self.are_positions, self.are_measured = at < m.nv, np.ones(len(at), dtype=bool)
@@ -390,7 +394,7 @@ class _Fit:
     def _states(self, thetas: Array, firsts: Array) -> Array:
         """Returns the states of the windows, (C, W, K, n_x), by θ (C, P) and δ (C, W, n_dx)."""
         robot, (count, of) = self._robot, firsts.shape[:2]
-        models, controls = [], []
+        models, controls = list[mujoco.MjModel](), list[Array]()
         for i, theta in enumerate(thetas):
             same = i and np.array_equal(theta, thetas[i - 1])
             models.append(models[-1] if same else robot.model(theta))
@@ -444,7 +448,7 @@ class _Fit:
         slopes = np.moveaxis(slopes.reshape(len(moved), of, -1), 0, -1)
         across = np.swapaxes(self._slopes, 1, 2)
         follows = -np.linalg.solve(across @ self._slopes + np.eye(n), across @ slopes)
-        return slopes + self._slopes @ follows, follows
+        return np.asarray(slopes + self._slopes @ follows), np.asarray(follows)
 
     def solved(self, theta: Array, free: NDArray[np.bool_], tolerance: float = _FINE) -> Array:
         """Returns the best θ from one on, to a relative change; those that are not free stay."""
