@@ -1,12 +1,14 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """A bag of a robot becomes a task with the robot as it was found, or a sentence says why not."""
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
-from tests.search.test_identification import ARM, KNOWN, moved
+from tests.search.test_identification import ARM, KNOWN, STOOL, moved
 from vgps_ros.bags import BagWriter
 from vgps_ros.programs.__main__ import run_command
 from vgps_ros.tasks import make_task
@@ -23,14 +25,31 @@ search: {iterations: 3, fit: {iterations: 20}}
 START = 1_000_000_000  # of stamps [ns]
 STORE = get_typestore(Stores.ROS2_JAZZY)
 JOINTS, ARRAY = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
+IMU, QUATERNION, VECTOR = (
+    "sensor_msgs/msg/Imu",
+    "geometry_msgs/msg/Quaternion",
+    "geometry_msgs/msg/Vector3",
+)
+
+
+def header_of(t, frame=""):
+    types, stamp = STORE.types, divmod(START + round(t * 1e9), 10**9)
+    time = types["builtin_interfaces/msg/Time"](sec=stamp[0], nanosec=stamp[1])
+    return types["std_msgs/msg/Header"](stamp=time, frame_id=frame)
 
 
 def joint_state(t, names, **values):
-    types, stamp = STORE.types, divmod(START + round(t * 1e9), 10**9)
-    time = types["builtin_interfaces/msg/Time"](sec=stamp[0], nanosec=stamp[1])
-    header = types["std_msgs/msg/Header"](stamp=time, frame_id="")
     arrays = {k: np.array(values.get(k, [])) for k in ("position", "velocity", "effort")}
-    return STORE.serialize_cdr(types[JOINTS](header=header, name=names, **arrays), JOINTS)
+    message = STORE.types[JOINTS](header=header_of(t), name=names, **arrays)
+    return STORE.serialize_cdr(message, JOINTS)
+
+
+def imu(t, frame, turned, rate):
+    x, y, z, w = turned.as_quat().tolist()
+    none, vector = np.zeros(9), STORE.types[VECTOR]
+    q = STORE.types[QUATERNION](x=x, y=y, z=z, w=w)
+    values = (q, none, vector(*rate.tolist()), none, vector(0.0, 0.0, 9.8), none)
+    return STORE.serialize_cdr(STORE.types[IMU](header_of(t, frame), *values), IMU)
 
 
 def array(values):
@@ -88,6 +107,36 @@ def test_a_bag_becomes_a_task_that_trains_from_what_was_found(tmp_path, rng, tas
     run_command(["train", "--task", str(output), "--output", str(tmp_path / "run"), "--check"])
     with pytest.raises(SystemExit, match=r"found\.yaml"):  # which is not replaced
         run_command(["identify", bag, "--task", task, "--output", str(output)])
+
+
+def test_the_site_of_the_new_model_is_turned_as_the_imu_is(tmp_path, rng, capsys):
+    site = '<freejoint name="root"/><site name="chip" euler="180 0 0"/>'
+    robot = STOOL.format(damping=1.0, mass=5.0).replace('<freejoint name="root"/>', site)
+    mount, chip = (0.08, -0.06, 0.0), Rotation.from_euler("x", np.pi)
+    motion = moved(robot, rng, seconds=4.0, size=0.3, mount=mount, blind=True)
+    (tmp_path / "stool.xml").write_text(robot)
+    cost = "cost: [{control: all}]"
+    task = tmp_path / "task.yaml"
+    task.write_text(f"model: stool.xml\ncontrol_period: 0.02\nhorizon: 1.0\n{cost}\n")
+    bag, legs = BagWriter(tmp_path / "bag"), [f"leg{i}" for i in range(4)]
+    for topic, kind in (("/joint_states", JOINTS), ("/imu", IMU), ("/joint_command", JOINTS)):
+        bag.add_topic(topic, kind, "", [])
+    for t, x, u in zip(motion.time, motion.states, motion.controls, strict=True):
+        received = START + round(t * 1e9)
+        turned = Rotation.from_quat(x[3:7], scalar_first=True) * chip
+        joints = joint_state(t, legs, position=x[7:11], velocity=x[17:])
+        bag.write("/joint_states", received, joints)
+        # The IMU has stamps of its own, and is a millisecond late.
+        bag.write(
+            "/imu", received + 1_000_000, imu(t + 0.001, "chip", turned, chip.inv().apply(x[14:17]))
+        )
+        bag.write("/joint_command", received + 2_000_000, joint_state(t, legs, position=u))
+    bag.close()
+    run_command(["identify", str(tmp_path / "bag"), "--task", str(task)])
+    assert "imu_frame: identified_imu" in capsys.readouterr().out
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "bag-identified.xml"))
+    found = Rotation.from_quat(model.site("identified_imu").quat, scalar_first=True) * chip.inv()
+    assert found.as_rotvec()[:2] == pytest.approx(mount[:2], abs=0.02)
 
 
 def test_a_bag_that_does_not_suit_is_refused_by_a_sentence(tmp_path, rng, task):

@@ -17,6 +17,7 @@ import numpy as np
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_nodes import SLACK
 from vgps_ros.core.checks import finite_array, list_names
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, efforts_from_msg, nanoseconds
@@ -237,11 +238,7 @@ def measured_motions(
     Raises:
         InvalidInputError: the bag lacks a topic, or the joints or the sensors are another robot's.
     """
-    layout, controls, period = (
-        state_layout(task.dynamics.model),
-        task.controls,
-        task.dynamics.time_step,
-    )
+    layout, controls = state_layout(task.dynamics.model), task.controls
     is_blind = layout.base is not None and IMU in bag.filled_topics
     robot = StateMessages(layout, is_blind=is_blind, base_frame=base_frame, imu_frame=imu_frame)
     joints = next(bag.decoded(bag.needed_topic(JOINTS)))[1].name
@@ -253,20 +250,17 @@ def measured_motions(
     told = next((name for name in _COMMANDS if name in bag.filled_topics), _COMMANDS[0])
     read = [name for name in robot.sources if name in bag.filled_topics or name in robot.needed]
     names = {bag.needed_topic(name): name for name in (*read, told)}
-    measured, refused = NewestMeasurements(robot, period / 4, period), ""
+    measured, refused = (
+        NewestMeasurements(robot, task.dynamics.time_step / 4, task.dynamics.time_step),
+        "",
+    )
     states, commands = list[list[Stamped]](), list[list[Stamped]]()
     for message in bag.messages(list(names)):
         name, content = names[message.topic], bag.decode(message)
         try:
             if name == told and commands:
-                values = (
-                    command_from_msg(content, controls)
-                    if hasattr(content, "header")
-                    else controls.from_joints(
-                        finite_array(told, content.data, (len(controls.names),))
-                    )
-                )
-                stamp = nanoseconds(content.header.stamp) if hasattr(content, "header") else 0
+                stamp = nanoseconds(content.header.stamp) if told == _COMMANDS[0] else 0
+                values = _control(content, controls)
                 commands[-1].append(Stamped(message.stamp, stamp, values))
             elif name != told and (parts := measured.add(name, content)):
                 stamp = nanoseconds(parts[JOINTS].header.stamp) or message.stamp
@@ -287,6 +281,13 @@ def measured_motions(
             "there; record it, or name the task of the robot that was recorded."
         )
     return [_measured(*parts, is_blind=is_blind) for parts in zip(states, commands, strict=True)]
+
+
+def _control(message: Any, controls: Controls) -> Array:
+    """Returns u, shape (n_u,), of a message on one of `_COMMANDS`."""
+    if hasattr(message, "header"):
+        return command_from_msg(message, controls)
+    return controls.from_joints(finite_array("commands", message.data, (len(controls.names),)))
 
 
 def _measured(states: list[Stamped], commands: list[Stamped], *, is_blind: bool) -> MeasuredMotion:

@@ -66,10 +66,12 @@ def run(arguments: argparse.Namespace) -> None:
     task = make_task(arguments.task)
     with BagReader(arguments.bag, arguments.namespace) as bag:
         motions = measured_motions(bag, task, arguments.imu_frame, arguments.base_frame)
+        imu = next(bag.decoded(bag.filled_topics["imu"]))[1] if motions[0].is_blind else None
+        frame = arguments.imu_frame or (imu.header.frame_id if imu else "")
     found = identify(task, motions, arguments.body)
     _show(found)
     output.parent.mkdir(parents=True, exist_ok=True)
-    files[1].write_text(_robot(task.mjcf, found))
+    files[1].write_text(_robot(task.mjcf, found, frame))
     content |= {"model": files[1].name, "search": {**task.search, **found.ranges}}
     content = {k: v for k, v in content.items() if k not in ("changes", "sensors")}  # it has them
     head = f"# What `vgps identify` found of the task {arguments.task} in {source.name}.\n"
@@ -110,11 +112,13 @@ def _show(found: "Identified") -> None:
         print(f"Executors correct how the IMU is turned with the parameter imu_frame: {_SITE}.")
 
 
-def _robot(mjcf: str, found: "Identified") -> str:
-    """Returns the MJCF with the numbers that were found."""
+def _robot(mjcf: str, found: "Identified", frame: str) -> str:
+    """Returns the MJCF with the numbers that were found of an IMU in a frame, and of the rest."""
     import mujoco
     import numpy as np
     from scipy.spatial.transform import Rotation
+
+    from vgps_ros.simulation.frames import state_layout
 
     spec, model = mujoco.MjSpec.from_string(mjcf), found.model
     for joint in spec.joints:
@@ -132,7 +136,13 @@ def _robot(mjcf: str, found: "Identified") -> str:
         body.mass, body.inertia = model.body_mass[found.body], model.body_inertia[found.body]
         body.ipos, body.iquat = model.body_ipos[found.body], model.body_iquat[found.body]
     if any(turn.is_told for turn in found.turns):
-        turn = Rotation.from_rotvec([turn.value for turn in found.turns])
+        turn, layout = (
+            Rotation.from_rotvec([each.value for each in found.turns]),
+            state_layout(model),
+        )
+        if frame in layout.mounts:  # to which it was found to be turned
+            known = layout.turns[layout.mounts.index(frame)]
+            turn = turn * Rotation.from_quat(known, scalar_first=True)
         body = spec.bodies[np.flatnonzero(model.body_dofnum == 6)[0]]
         body.add_site(name=_SITE, quat=turn.as_quat(scalar_first=True), group=5)
     return str(spec.to_xml())
