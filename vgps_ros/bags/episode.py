@@ -16,15 +16,26 @@ import numpy as np
 
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_nodes import SLACK
+from vgps_ros.core.checks import finite_array, list_names
+from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, efforts_from_msg, nanoseconds
-from vgps_ros.messages.robot_state import JOINTS, StateCollector, StateMessages
+from vgps_ros.messages.robot_state import (
+    IMU,
+    JOINTS,
+    NewestMeasurements,
+    StateCollector,
+    StateMessages,
+)
+from vgps_ros.search.identification import MeasuredMotion
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import controls_are_forces
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import actuated_joint_names
+from vgps_ros.tasks.task import Task
 
+_COMMANDS = ("joint_command", "commands")  # topics, as the executor names them
 GAP = 1.5  # a longer step from state to state than so many usual ones is a gap
 
 
@@ -207,3 +218,86 @@ def _controls(bag: BagReader, model: mujoco.MjModel) -> Callable[[list[Stamped],
         return np.array([unknown, *(answers.get(state.stamp, unknown) for state in motion[:-1])])
 
     return find
+
+
+def measured_motions(
+    bag: BagReader, task: Task, imu_frame: str = "", base_frame: str = ""
+) -> list[MeasuredMotion]:
+    """Reads what a robot measured and was told: `joint_states`, `imu` or else `odom`, and commands.
+
+    Sensors may have stamps of their own. A command counts from the stamp of the state that it
+    answers; one without a stamp counts from its receipt, as the stamps of states tell it. A motion
+    ends where stamps go back.
+
+    Args:
+        bag: the bag.
+        task: the robot.
+        imu_frame: the site or body at which the IMU sits; empty: what its messages name.
+        base_frame: name of the base's frame in messages; empty: the model's.
+
+    Raises:
+        InvalidInputError: the bag lacks a topic, or the joints or the sensors are another robot's.
+    """
+    layout, controls = state_layout(task.dynamics.model), task.controls
+    is_blind = layout.base is not None and IMU in bag.filled_topics
+    robot = StateMessages(layout, is_blind=is_blind, base_frame=base_frame, imu_frame=imu_frame)
+    joints = next(bag.decoded(bag.needed_topic(JOINTS)))[1].name
+    if set(robot.joint_names).isdisjoint(joints):
+        raise InvalidInputError(
+            f"{JOINTS} of '{bag.path}' has {list_names(joints)}, but the task {task.name} has "
+            f"{list_names(robot.joint_names)}; name the task of the robot that was recorded."
+        )
+    told = next((name for name in _COMMANDS if name in bag.filled_topics), _COMMANDS[0])
+    read = [name for name in robot.sources if name in bag.filled_topics or name in robot.needed]
+    names = {bag.needed_topic(name): name for name in (*read, told)}
+    measured, refused = (
+        NewestMeasurements(robot, task.dynamics.time_step / 4, task.dynamics.time_step),
+        "",
+    )
+    states, commands = list[list[Stamped]](), list[list[Stamped]]()
+    for message in bag.messages(list(names)):
+        name, content = names[message.topic], bag.decode(message)
+        try:
+            if name == told and commands:
+                stamp = nanoseconds(content.header.stamp) if told == _COMMANDS[0] else 0
+                values = _control(content, controls)
+                commands[-1].append(Stamped(message.stamp, stamp, values))
+            elif name != told and (parts := measured.add(name, content)):
+                stamp = nanoseconds(parts[JOINTS].header.stamp) or message.stamp
+                state = Stamped(message.stamp, stamp, robot.join(parts))
+                if not states or stamp < states[-1][-1].stamp:
+                    states.append([])
+                    commands.append([])
+                elif stamp == states[-1][-1].stamp:
+                    continue
+                states[-1].append(state)
+        except InvalidInputError as error:
+            refused = str(error)
+    if refused and not (any(states) and any(commands)):
+        raise InvalidInputError(refused)
+    if not states:
+        raise InvalidInputError(
+            f"'{bag.path}' has no whole state of the task {task.name}: {measured.missing()} is not "
+            "there; record it, or name the task of the robot that was recorded."
+        )
+    return [_measured(*parts, is_blind=is_blind) for parts in zip(states, commands, strict=True)]
+
+
+def _control(message: Any, controls: Controls) -> Array:
+    """Returns u, shape (n_u,), of a message on one of `_COMMANDS`."""
+    if hasattr(message, "header"):
+        return command_from_msg(message, controls)
+    return controls.from_joints(finite_array("commands", message.data, (len(controls.names),)))
+
+
+def _measured(states: list[Stamped], commands: list[Stamped], *, is_blind: bool) -> MeasuredMotion:
+    """Returns a motion, in which a command without a stamp has one by its receipt."""
+    late = round(np.median([state.received - state.stamp for state in states]))
+    counts = sorted((u.stamp or u.received - late, i) for i, u in enumerate(commands))
+    return MeasuredMotion(
+        np.array([state.stamp for state in states]) * 1e-9,
+        np.array([state.values for state in states]),
+        np.array([stamp for stamp, _ in counts]) * 1e-9,
+        np.array([commands[i].values for _, i in counts]),
+        is_blind,
+    )

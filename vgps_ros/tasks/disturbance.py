@@ -35,6 +35,8 @@ class Disturbance:
         damping: factor on the damping of all joints.
         armature: factor on the armature of all joints, the inertia of their rotors.
         strength: factor on the largest forces of all actuators.
+        gain: factor on the gain of all actuators: a servo's stiffness and damping, a motor's force.
+        friction_loss: dry friction that is added to all joints with an actuator [N·m, N].
     """
 
     body: str = ""
@@ -50,6 +52,8 @@ class Disturbance:
     damping: float = 1.0
     armature: float = 1.0
     strength: float = 1.0
+    gain: float = 1.0
+    friction_loss: float = 0.0
 
     def __post_init__(self) -> None:
         """Checks the numbers, which may come from a message."""
@@ -65,6 +69,8 @@ class Disturbance:
             "damping": (self.damping, 0.0, np.inf),
             "armature": (self.armature, 0.0, np.inf),
             "strength": (self.strength, _WEAKEST, np.inf),
+            "gain": (self.gain, _WEAKEST, np.inf),
+            "friction_loss": (self.friction_loss, 0.0, np.inf),
         }
         for name, (*values, low, high) in numbers.items():
             if not all(np.isfinite(value) and low <= value <= high for value in values):
@@ -76,9 +82,9 @@ class Disturbance:
     @property
     def changes_model(self) -> bool:
         """True if it changes more than a push does: the robot or the ground."""
-        factors = (self.friction, self.damping, self.armature, self.strength)
-        ground = any(self.slope) or self.ridges or self.steps
-        return bool(self.payload or ground or any(f != 1.0 for f in factors))
+        factors = (self.friction, self.damping, self.armature, self.strength, self.gain)
+        added = self.payload or self.friction_loss or self.ridges or self.steps
+        return bool(added or any(self.slope) or any(f != 1.0 for f in factors))
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,19 @@ class DisturbanceSettings:
         0.0, "largest loss of the actuators' largest force, as a share of it", minimum=0.0,
         maximum=0.99,
     )  # fmt: skip
+    gain: float = setting(
+        0.0,
+        "largest change of the actuators' gain, a servo's stiffness and damping or a motor's "
+        "force: 0.1 is from 1/1.1 to 1.1 times",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    friction_loss: float = setting(
+        0.0,
+        "largest dry friction that is added to the joints with an actuator [N*m]",
+        minimum=0.0,
+        maximum=1e6,
+    )
 
 
 def check_push_ends(

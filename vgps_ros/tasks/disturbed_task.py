@@ -138,6 +138,8 @@ def draw_disturbance(
         armature=float(armature),
         strength=1.0 - settings.strength * rng.uniform() if settings.strength else 1.0,
         steps=settings.steps * rng.uniform() if settings.steps else 0.0,
+        gain=float((1.0 + settings.gain) ** rng.uniform(-1.0, 1.0)) if settings.gain else 1.0,
+        friction_loss=settings.friction_loss * rng.uniform() if settings.friction_loss else 0.0,
     )
 
 
@@ -225,6 +227,12 @@ def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.Mj
         joint.armature *= disturbance.armature
     if disturbance.strength != 1.0:
         _scale_forces(spec, model, disturbance.strength)
+    driven = {actuator.target for actuator in spec.actuators}
+    for joint in spec.joints:
+        joint.frictionloss += disturbance.friction_loss * (joint.name in driven)
+    for actuator in spec.actuators:
+        actuator.gainprm[0] *= disturbance.gain
+        actuator.biasprm[:3] *= disturbance.gain
     if any(disturbance.slope):
         _slope(spec, disturbance.slope)
     if disturbance.ridges or disturbance.steps:

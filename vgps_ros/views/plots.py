@@ -11,10 +11,18 @@ from matplotlib.figure import Figure
 
 from vgps_ros.core.records import Array
 from vgps_ros.search.driven import Driven
+from vgps_ros.search.identification import Identified
 from vgps_ros.search.judgement import interval
 from vgps_ros.search.robustness import ENOUGH, KINDS
 from vgps_ros.search.run_record import RunRecord
-from vgps_ros.simulation.model import compile_model, deviation_names, hinge_names, state_names
+from vgps_ros.simulation.frames import state_layout
+from vgps_ros.simulation.model import (
+    actuated_joint_names,
+    compile_model,
+    deviation_names,
+    hinge_names,
+    state_names,
+)
 from vgps_ros.views.robot_shape import RobotShape
 
 _LEARNED, _Q, _DDP = "#1f5fbf", "#ff9f1c", "black"  # they differ in grey, too
@@ -22,6 +30,7 @@ _POSES = 9  # drawn along a motion
 _LABELLED = 4  # one pose of so many has its time above it
 _SMOOTH = 0.3  # time over which what was driven is averaged, where no clock tells a period [s]
 _PANELS = 4  # beside each other
+_ROWS, _WINDOWS = 6, 10  # of joints below each other, and of windows beside each other
 # Lines of several policies differ in shape too, so that they can be told apart in grey.
 _LINES = ("-", "--", ":", "-.", (0, (6, 1, 1, 1, 1, 1)))
 _MARKERS = ("o", "s", "^", "D", "v")
@@ -150,6 +159,40 @@ def driving(driven: Driven) -> Figure:
     axes.set_xlabel("time [s]")
     shown = axes.get_legend_handles_labels()
     figure.legend(*shown, frameon=False, ncols=2, loc="outside upper center")
+    return figure
+
+
+def predictions(found: Identified) -> Figure:
+    """Draws joints as they were measured beside what the model predicted, and what was found does.
+
+    Each window begins anew at what was measured.
+    """
+    layout, count = state_layout(found.model), min(len(found.time), _WINDOWS)
+    time = found.time[:count] - found.time[:count, :1]
+    time = time + np.arange(count)[:, None] * time[:, -1:].max()
+    joints = [name for name in actuated_joint_names(found.model) if name in layout.joints]
+    columns = -(-len(joints) // _ROWS)
+    rows = -(-len(joints) // columns)
+    figure = Figure(figsize=(1 + 5 * columns, 1 + 1.4 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for axes in panels.T.flat[len(joints) :]:
+        axes.remove()
+    for axes, joint in zip(panels.T.flat, joints, strict=False):
+        place = layout.names.index(f"{joint}/position")
+        for t, *lines in zip(time, found.measured, found.before, found.after, strict=False):
+            measured, before, after = (line[:, place] for line in lines)
+            axes.plot(t, measured, ".", color=_DDP, markersize=2.5, label="measured")
+            axes.plot(t, before, color=_Q, linewidth=1.2, label="the model predicts")
+            axes.plot(t, after, color=_LEARNED, linewidth=1, label="what was found predicts")
+            axes.axvline(t[-1], color="0.9", linewidth=0.8)
+        axes.set_title(joint, fontsize=8, loc="left", pad=2)
+        axes.margins(x=0)
+    figure.supylabel("positions of joints [rad, m]", fontsize=9)
+    figure.supxlabel(
+        "time in the windows that did not take part, one after another [s]", fontsize=9
+    )
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles[:3], labels[:3], frameon=False, ncols=3, loc="outside upper center")
     return figure
 
 
