@@ -41,7 +41,6 @@ SHORTER = {
     r"python -m benchmarks.find_gait ": "--evaluations 8 --seconds 1",
     r"vgps execute-policy": "--steps 20",
     r"make demo": "ITERATIONS=1",
-    r"make damages": "COUNT=2",
 }
 
 # They run until somebody ends them.
