@@ -72,6 +72,9 @@ def test_a_push_a_slope_and_a_payload_are_survived_up_to_where_mechanics_says(
         *("--payloads", "1", "--plot", str(picture)),
     )
     # p / m is 1 m/s at 2 N·s; g sin(s) t passes it within 2 s at 0.051 rad.
+    for each in found.values():
+        fallen = each.pop("fallen")
+        assert [not rollouts for rollouts in fallen] == [share == 1.0 for share in each["survival"]]
     assert found == {
         "pushes": {"values": [0.0, 1.9, 2.1], "survival": [1.0, 1.0, 0.0], "borne": [0.0, 1.9]},
         "slopes": {

@@ -8,7 +8,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.policies.driver import Driver
 from vgps_ros.search.judgement import Trial
-from vgps_ros.search.robustness import behaviours, robustness
+from vgps_ros.search.robustness import behaviours, replay_rollout, robustness
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 
@@ -104,8 +104,22 @@ def test_pushes_of_all_sizes_come_at_the_same_times_which_the_seed_names(block):
     assert found["survival"][0] == 1.0  # 0.5 m/s at most
     assert 0.2 < found["survival"][1] == found["survival"][2] < 0.8
     assert found["borne"] == [0.0, 1.0]
+    assert [len(each) for each in found["fallen"]] == [
+        round(30 * (1.0 - share)) for share in found["survival"]
+    ]
     assert tried(block, 0.0, **given)["pushes"] == found
     assert tried(block, 0.0, seed=5, **given)["pushes"]["survival"] != found["survival"]
+
+
+@pytest.mark.parametrize(("kind", "value"), [("pushes", 50.0), ("frictions", 0.2)])
+def test_a_replay_is_of_the_same_rollout(block, kind, value):
+    settings = DisturbanceSettings(body="block", push_before=2.0)
+    driver, given = drawn_by(block, 4.5), trial(block, 10, 100)
+    (fallen,) = robustness(block, driver, given, {kind: [value]}, 3, settings)[kind]["fallen"]
+    assert fallen
+    for rollout in range(10):
+        states = replay_rollout(block, driver, given, 3, settings, kind, value, rollout)
+        assert block.fallen(states).any() == (rollout in fallen)
 
 
 def test_a_range_ends_at_the_first_size_that_is_not_borne(block):

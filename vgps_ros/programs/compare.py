@@ -18,7 +18,7 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.programs.evaluate import add_trials, open_run, try_policy
+from vgps_ros.programs.evaluate import add_trials, judge_policy, open_run
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import RunFolder, read_result
 
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> None:
     ]
     _, task = open_run(paths[0][0], arguments.task)
     tried = [
-        [try_policy(open_run(path, arguments.task)[0], task, arguments) for path in side]
+        [judge_policy(open_run(path, arguments.task)[0], task, arguments) for path in side]
         for side in paths
     ]
     results = [[result for result, _ in side] for side in tried]

@@ -61,7 +61,7 @@ def _try_disturbances(
         drawn_noise,
         first_phases,
     )
-    from vgps_ros.search.robustness import KINDS, USUAL, replay, robustness, suits
+    from vgps_ros.search.robustness import KINDS, USUAL, replay_rollout, robustness, suits
     from vgps_ros.tasks.disturbance import DisturbanceSettings, check_push_ends
 
     values = {kind: list(getattr(arguments, kind)) for kind in KINDS if hasattr(arguments, kind)}
@@ -97,7 +97,7 @@ def _try_disturbances(
         check_push_ends(settings, seconds, "a rollout", "--push-duration", "lengthen --seconds")
     trial = Trial(starts, commands, noise, phases=first_phases(len(starts)))
     found = robustness(task, driver, trial, values, arguments.seed, settings)
-    return found, partial(replay, task, driver, trial, arguments.seed, settings)
+    return found, partial(replay_rollout, task, driver, trial, arguments.seed, settings)
 
 
 def evaluate_policy(task: "Task", driver: "Driver", **own: Any) -> dict[str, Any]:
@@ -378,7 +378,7 @@ def open_run(path: Path, reference: str | None) -> tuple["PolicyFile", "Task"]:
     return file, make_task(reference) if reference else recorded_task(file.task)
 
 
-def try_policy(
+def judge_policy(
     file: "PolicyFile", task: "Task", arguments: argparse.Namespace
 ) -> tuple[dict[str, Any], "Callable[[str, float, int], Array] | None"]:
     """Returns what a policy does, with the disturbances that the arguments name, and a replay.
@@ -403,7 +403,7 @@ def run(arguments: argparse.Namespace) -> None:
     files = [file for file in (arguments.json, arguments.plot) if file and file != Path("-")]
     refuse_existing(files, overwrite=arguments.overwrite)
     file, task = open_run(arguments.run, arguments.task)
-    result, _ = try_policy(file, task, arguments)
+    result, _ = judge_policy(file, task, arguments)
     if arguments.plot:
         if "robustness" not in result:
             raise InvalidInputError(

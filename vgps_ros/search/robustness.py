@@ -137,7 +137,7 @@ def robustness(
     Returns:
         By kind: the values in order, the share of rollouts that survive each, and between which
         values it is `ENOUGH`; None where not even so many survive without a disturbance; `fallen`:
-        the rollouts that do not survive each, as `replay` counts them. Of a task
+        the rollouts that do not survive each, as `replay_rollout` counts them. Of a task
         with commands also the intervals of the shares, the same for the rollouts that obey, and by
         command the root mean square errors; see `judge_controller`.
 
@@ -196,7 +196,7 @@ def robustness(
     return found
 
 
-def replay(
+def replay_rollout(
     task: Task,
     driver: Driver,
     trial: Trial,

@@ -9,10 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.marginals import sample_rollout_noise
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
-from vgps_ros.core.records import Trajectory
 from vgps_ros.core.settings import with_values
 from vgps_ros.search.comparators import mdgps
 from vgps_ros.search.comparators.bounded_step import LinearPolicy, divergence
@@ -130,29 +128,6 @@ def test_a_situation_whose_rollouts_diverge_keeps_its_q_and_says_so():
 def test_first_rollouts_that_diverge_end_the_run():
     with pytest.raises(DivergenceError, match=r"lower mirror\.exploration"):
         run(mirror__dynamics="fitted", mirror__exploration=(1e6,))
-
-
-def test_a_promise_is_the_expected_cost_of_the_step_and_its_noise(rng):
-    """On the rotor the model is exact, so that many rollouts of q cost what the step promised."""
-    settings = with_values(search_settings(ROTOR), PLAIN)
-    work = Workspace(ROTOR, settings, 5, partial(optimize_all, ROTOR), (), mdgps.begin)
-    first = mdgps.mdgps(work, None, 1)
-    noisy = dataclasses.replace(first.policy, noise_std=np.array([2.0]))
-    found = mdgps.mdgps(work, dataclasses.replace(first, policy=noisy), 2)
-    q, promised = found.solutions[0].distribution, found.solutions[0].modified_cost
-    noise = sample_rollout_noise(q, 4000, rng)
-    spread = ROTOR.optimizer.marginals.initial_std_factor * ROTOR.initial_std
-    starts = ROTOR.initial_state + spread * rng.standard_normal((4000, 2))
-
-    def law(t, x):
-        return q.mean.controls[t] + (x - q.mean.states[t]) @ q.gains[t].T + noise[:, t]
-
-    states, controls, _ = ROTOR.dynamics.rollouts(starts, law, ROTOR.horizon)
-    costs = [
-        ROTOR.trajectory_cost(Trajectory(*each)) for each in zip(states, controls, strict=True)
-    ]
-    assert promised > 1.2 * ROTOR.trajectory_cost(q.mean)
-    assert_allclose(promised, np.mean(costs), rtol=0.02)
 
 
 # A body in space with a motor about each axis, which turns while it comes to rest.

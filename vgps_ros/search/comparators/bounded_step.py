@@ -180,14 +180,6 @@ def divergence(new: LinearPolicy, old: LinearPolicy, means: Array, sigma: Array)
     return float(each.sum() + feedback)
 
 
-def cost_of_spread(cost: CostExpansion, policy: LinearPolicy, sigma: Array) -> float:
-    """Returns what the spread of states and controls adds to E[c], by the cost's curvature."""
-    by_state = sigma[:-1] @ np.swapaxes(policy.gains, 1, 2)
-    of_controls = policy.covariances + policy.gains @ by_state
-    crossed = 2.0 * np.einsum("tux,txu->", cost.c_ux, by_state)
-    return float(0.5 * (np.sum(cost.c_xx * sigma[:-1]) + crossed + np.sum(cost.c_uu * of_controls)))
-
-
 def _minimum(
     dynamics: LinearDynamics, cost: CostExpansion, energy: CostExpansion, eta: float, w: float
 ) -> LinearPolicy:
