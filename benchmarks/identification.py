@@ -11,8 +11,10 @@ Example: python -m benchmarks.identification quadruped --draws 10
 
 import argparse
 import json
+from collections.abc import Sequence
 from copy import copy
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,12 +23,14 @@ from scipy.spatial.transform import Rotation
 
 from vgps_ros import tasks
 from vgps_ros.bags import BagWriter
-from vgps_ros.core.records import Trajectory
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.search.identification import MeasuredMotion, identify
 from vgps_ros.simulation.frames import state_layout
-from vgps_ros.tasks import make_task
+from vgps_ros.tasks import Task, make_task
 
+Truth = dict[str, Any]
 FINER = 5  # simulator steps of the truth in one of the model's
 NOISE = 0.002, 0.1, 0.01, 0.05  # of joints [rad, rad/s], and of the IMU [rad, rad/s]
 SECONDS = 12.0
@@ -34,7 +38,7 @@ NO_LOAD = 18.0  # speed at which the other kind of servo has no torque left [rad
 BODIES = {"quadruped": "trunk", "arm": "hand"}
 
 
-def draw(task, rng):
+def draw(task: Task, rng: np.random.Generator) -> Truth:
     """Returns the true numbers: factors but for friction [N·m], latency [s] and rotation [rad]."""
     friction = 0.2 if task.controls.stiffness.any() else 1.0
     return {
@@ -49,7 +53,7 @@ def draw(task, rng):
     }
 
 
-def true_model(task, truth):
+def true_model(task: Task, truth: Truth) -> mujoco.MjModel:
     """Returns the robot with these numbers, and its own time step."""
     m = copy(task.dynamics.model)
     body, limited = m.body(BODIES[task.name]).id, m.actuator_forcelimited > 0
@@ -66,7 +70,15 @@ def true_model(task, truth):
     return m
 
 
-def drive(task, m, truth, rng, policy=None, seconds=SECONDS, other_servo=False):
+def drive(
+    task: Task,
+    m: mujoco.MjModel,
+    truth: Truth,
+    rng: np.random.Generator,
+    policy: GaussianPolicy | None = None,
+    seconds: float = SECONDS,
+    other_servo: bool = False,
+) -> tuple[MeasuredMotion, Array]:
     """Returns what the robot measured and was told, and its true states."""
     layout, period = state_layout(task.dynamics.model), task.dynamics.time_step
     data, steps = mujoco.MjData(m), round(period / m.opt.timestep)
@@ -111,7 +123,7 @@ def drive(task, m, truth, rng, policy=None, seconds=SECONDS, other_servo=False):
     return motion, np.array(true)
 
 
-def _torque(m, data):
+def _torque(m: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Returns the torques of servos whose torque falls with speed."""
     q, v = data.qpos[-m.nu :], data.qvel[-m.nu :]
     wanted = m.actuator_gainprm[:, 0] * (data.ctrl - q) + m.actuator_biasprm[:, 2] * v
@@ -123,7 +135,7 @@ def _torque(m, data):
     )
 
 
-def write_bag(folder, task, motion):
+def write_bag(folder: Path, task: Task, motion: MeasuredMotion) -> None:
     """Writes a motion of joints as a bag; the robot has a fixed base."""
     bag, names = BagWriter(folder), state_layout(task.dynamics.model).joints
     store, kind = get_typestore(Stores.ROS2_JAZZY), "sensor_msgs/msg/JointState"
@@ -140,23 +152,25 @@ def write_bag(folder, task, motion):
     bag.close()
 
 
-def try_policies(task, files, seeds):
+def try_policies(task: Task, files: Sequence[str], seeds: Sequence[int]) -> None:
     """Prints what each policy costs on each robot, and where the hand ends [m]."""
-    place = [task.cost.features.names.index(f"hand/{axis}") for axis in "xyz"]
+    m = task.dynamics.model
+    data = mujoco.MjData(m)
     for seed in seeds:
         for file in files:
             rng = np.random.default_rng(seed)
             truth = draw(task, rng)
-            policy = open_policy(Path(file)).policy(task.controls)
+            policy = open_policy(Path(file)).gaussian
             seconds = task.horizon * task.dynamics.time_step
             motion, states = drive(task, true_model(task, truth), truth, rng, policy, seconds)
-            hand = task.cost.features(states[-1])[place]
+            data.qpos[:] = states[-1, : m.nq]
+            mujoco.mj_kinematics(m, data)
             cost = float(task.cost.values(Trajectory(states, motion.controls[:-1])).sum())
-            off = float(np.linalg.norm(hand - [0.45, 0.35, 0.45]))
+            off = float(np.linalg.norm(data.site("hand").xpos - data.site("target").xpos))
             print(json.dumps({"seed": seed, "policy": file, "cost": cost, "off": off}), flush=True)
 
 
-def main():
+def main() -> None:
     """Prints a line of JSON for each draw."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task", choices=BODIES)
@@ -173,7 +187,7 @@ def main():
         return
     if task.name == "quadruped":
         file = Path(tasks.__file__).parent / "quadruped/policy.json"
-        policy = open_policy(file).policy(task.controls)
+        policy = open_policy(file).gaussian
     for seed in seeds:
         rng = np.random.default_rng(seed)
         truth = draw(task, rng)

@@ -121,6 +121,16 @@ def test_a_joints_limit_of_all_actuators_is_scaled_with_them(sled):
     assert states[-1, 3] == pytest.approx(0.25, rel=1e-3)
 
 
+def test_gain_scales_the_force_and_dry_friction_takes_its_part_of_it(sled):
+    """A force of 9 N on 3 kg for .1 s; the arm has no actuator, so that nothing rubs there."""
+    task = sled(gravity="[0, 0, 0]")
+    for gain, friction in ((1.0, 0.0), (0.5, 0.0), (1.0, 3.0), (0.5, 3.0)):
+        here = disturb_task(task, Disturbance(gain=gain, friction_loss=friction))
+        assert here.dynamics.model.dof_frictionloss.tolist() == [friction, 0.0, 0.0]
+        states = here.dynamics.rollout(task.initial_state, lambda *_: np.full(1, 9.0), 50).states
+        assert states[-1, 3] == pytest.approx(0.5 * (9.0 * gain - friction) / 3.0, rel=1e-2)
+
+
 def test_a_payload_is_pushed_with_the_body_that_bears_it(sled):
     task = sled(gravity="[0, 0, 0]")
     push = Disturbance("sled", push=(6.0, 0.0), payload=4.0)
@@ -229,7 +239,10 @@ def test_joints_are_drawn_as_often_weaker_as_stronger_and_no_other_draw_changes(
     task, settings = sled(), DisturbanceSettings(push=5.0, payload=2.0)
     states = [np.random.default_rng(i) for i in range(200)]
     changed = [
-        draw_disturbance(task, replace(settings, joints=1.0, strength=0.3), rng) for rng in states
+        draw_disturbance(
+            task, replace(settings, joints=1.0, strength=0.3, gain=0.5, friction_loss=2.0), rng
+        )
+        for rng in states
     ]
     for name in ("damping", "armature"):
         drawn = np.array([getattr(each, name) for each in changed])
@@ -238,8 +251,13 @@ def test_joints_are_drawn_as_often_weaker_as_stronger_and_no_other_draw_changes(
     assert 0.7 <= min(each.strength for each in changed) < 0.75
     assert 0.95 < max(each.strength for each in changed) <= 1.0
     assert len({each.damping / each.armature for each in changed}) > 100
+    assert 1 / 1.5 <= min(each.gain for each in changed) < 0.7
+    assert 1.4 < max(each.gain for each in changed) <= 1.5
+    assert 0.0 <= min(each.friction_loss for each in changed) < 0.1
+    assert 1.9 < max(each.friction_loss for each in changed) <= 2.0
     usual = [draw_disturbance(task, settings, np.random.default_rng(i)) for i in range(200)]
-    calm = [replace(each, damping=1.0, armature=1.0, strength=1.0) for each in changed]
+    same = {"damping": 1.0, "armature": 1.0, "strength": 1.0, "gain": 1.0, "friction_loss": 0.0}
+    calm = [replace(each, **same) for each in changed]
     assert usual == calm
 
 

@@ -40,6 +40,7 @@ def add_arguments(parser: Parser) -> None:
 def run(arguments: argparse.Namespace) -> None:
     """Identifies the robot; prints, draws and writes what was found."""
     import yaml
+    from rich.console import Console
 
     from vgps_ros.bags import BagReader
     from vgps_ros.bags.episode import measured_motions
@@ -68,7 +69,10 @@ def run(arguments: argparse.Namespace) -> None:
         motions = measured_motions(bag, task, arguments.imu_frame, arguments.base_frame)
         imu = next(bag.decoded(bag.filled_topics["imu"]))[1] if motions[0].is_blind else None
         frame = arguments.imu_frame or (imu.header.frame_id if imu else "")
-    found = identify(task, motions, arguments.body)
+    with Console(stderr=True).status(
+        "Simulating the motion with other numbers; it takes minutes ..."
+    ):
+        found = identify(task, motions, arguments.body)
     _show(found)
     output.parent.mkdir(parents=True, exist_ok=True)
     files[1].write_text(_robot(task.mjcf, found, frame))
