@@ -13,6 +13,7 @@ import argparse
 import json
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from vgps_ros.tasks import Task, make_task
 Truth = dict[str, Any]
 FINER = 5  # simulator steps of the truth in one of the model's
 NOISE = 0.002, 0.1, 0.01, 0.05  # of joints [rad, rad/s], and of the IMU [rad, rad/s]
-SECONDS = 12.0
+SECONDS, ROLLOUTS = 12.0, 40
 NO_LOAD = 18.0  # speed at which the other kind of servo has no torque left [rad/s]
 BODIES = {"quadruped": "trunk", "arm": "hand"}
 
@@ -153,21 +154,29 @@ def write_bag(folder: Path, task: Task, motion: MeasuredMotion) -> None:
 
 
 def try_policies(task: Task, files: Sequence[str], seeds: Sequence[int]) -> None:
-    """Prints what each policy costs on each robot, and where the hand ends [m]."""
+    """Prints what each policy costs on each robot, with standard error, and how far it ends [m]."""
     m = task.dynamics.model
     data = mujoco.MjData(m)
     for seed in seeds:
+        truth = draw(task, np.random.default_rng(seed))
         for file in files:
-            rng = np.random.default_rng(seed)
-            truth = draw(task, rng)
-            policy = open_policy(Path(file)).gaussian
-            seconds = task.horizon * task.dynamics.time_step
-            motion, states = drive(task, true_model(task, truth), truth, rng, policy, seconds)
-            data.qpos[:] = states[-1, : m.nq]
-            mujoco.mj_kinematics(m, data)
-            cost = float(task.cost.values(Trajectory(states, motion.controls[:-1])).sum())
-            off = float(np.linalg.norm(data.site("hand").xpos - data.site("target").xpos))
-            print(json.dumps({"seed": seed, "policy": file, "cost": cost, "off": off}), flush=True)
+            policy, costs, off = open_policy(Path(file)).gaussian, [], []
+            for noise in range(ROLLOUTS):
+                rng = np.random.default_rng((seed, noise))
+                seconds = task.horizon * task.dynamics.time_step
+                model, spread = true_model(task, truth), task.varied_state_std
+                start = task.dynamics.space.add(
+                    task.initial_state, spread * rng.standard_normal(len(spread))
+                )
+                here = replace(task, initial_state=start)  # as those from which it learned
+                motion, states = drive(here, model, truth, rng, policy, seconds)
+                data.qpos[:] = states[-1, : m.nq]
+                mujoco.mj_kinematics(m, data)
+                costs.append(task.cost.values(Trajectory(states, motion.controls[:-1])).sum())
+                off.append(np.linalg.norm(data.site("hand").xpos - data.site("target").xpos))
+            line = {"seed": seed, "policy": file, "cost": np.mean(costs), "off": np.mean(off)}
+            line["error"] = np.std(costs) / np.sqrt(ROLLOUTS)
+            print(json.dumps(line), flush=True)
 
 
 def main() -> None:

@@ -199,13 +199,13 @@ def identify(task: Task, motions: Sequence[MeasuredMotion], body: str = "") -> I
         found,
         robot.model(np.maximum(theta + ends, lowest)),
         number,
-        _ranges(found, body, task.dynamics.time_step),
+        _ranges(found, body),
         *(judge.time, judge.measured, before, after, (errors[0], errors[1])),
         (len(kept), len(judging), len(telling) - len(kept)),
     )
 
 
-def _ranges(found: Mapping[str, Parameter], body: str, period: float) -> dict[str, Any]:
+def _ranges(found: Mapping[str, Parameter], body: str) -> dict[str, Any]:
     """Returns the settings by which situations draw what stays uncertain."""
     told = {name: (p.value, p.spread) for name, p in found.items() if p.is_told}
     shares = {name: spread / max(value, 1e-9) for name, (value, spread) in told.items()}
@@ -220,8 +220,6 @@ def _ranges(found: Mapping[str, Parameter], body: str, period: float) -> dict[st
     if "strength" in told:
         value, spread = told["strength"]
         ranges["disturb.strength"] = min(2.0 * spread / (value + spread), 0.99)
-    if "latency" in told:
-        ranges["fit.late"] = min(sum(told["latency"]) / period, 1.0)
     ranges = {name: float(f"{value:.3g}") for name, value in ranges.items()}
     return ranges | ({"disturb.body": body} if body and "mass" in told else {})
 
