@@ -1,7 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The file that an executor drives by, beside the task that it was written of."""
 
+import hashlib
 import json
+import math
 from copy import deepcopy
 from functools import reduce
 from operator import getitem
@@ -160,6 +162,27 @@ def test_a_damaged_file_is_refused(content, damage, tmp_path):
             InvalidInputError, match=r"is no deployment .*'vgps export --deployment'"
         ):
             read_deployment(file)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("time_step", value) for value in (0.0, -0.02, math.inf, math.nan, 1e308)),
+        *(("horizon", value) for value in (0, -1)),
+        *((("controls", "limits"), value) for value in ([], [{"array": "array_0"}])),
+        *((("controls", of), []) for of in ("kinds", "units", "names")),
+    ],
+)
+def test_a_forged_file_whose_digest_is_right_is_refused(content, key, value, tmp_path):
+    tree = deepcopy(content)
+    *keys, last = [key] if isinstance(key, str) else key
+    reduce(getitem, keys, tree["deployment"])[last] = value
+    told = json.dumps([tree["deployment"], tree["arrays"]], sort_keys=True)
+    tree["sha256"] = hashlib.sha256(told.encode()).hexdigest()
+    (tmp_path / "robot.json").write_text(json.dumps(tree))
+    with pytest.raises(InvalidInputError, match="is no deployment") as refused:
+        read_deployment(tmp_path / "robot.json")
+    assert "has changed" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

@@ -157,10 +157,13 @@ def test_a_text_opens_no_file(tmp_path):
     refused_in_a_sentence(compile_model, included, match="which must need no file, .*part.xml")
 
 
-def test_a_limit_of_memory_from_outside_is_kept():
+def test_a_limit_of_memory_from_outside_is_kept(monkeypatch):
     def limited(sends):
         resource.setrlimit(resource.RLIMIT_AS, (8 << 30, 8 << 30))
+        monkeypatch.setattr(gate, "count_cores", lambda: 2)
         compile_model(robot())
+        with pytest.raises(InvalidInputError, match="ould not allocate memory"):
+            compile_model(robot('<size memory="1800M"/>'))  # of which a training takes several
         with pytest.raises(InvalidInputError) as refused:
             compile_model(robot('<size memory="60G"/>'))
         sends.send(str(refused.value))

@@ -1,7 +1,6 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Trajectory distributions in files."""
 
-import os
 import resource
 import zipfile
 
@@ -87,9 +86,6 @@ def test_an_archive_takes_no_more_memory_than_its_file_has_bytes(random_distribu
     with pytest.raises(InvalidInputError, match=r"EOF|allocate"):
         load_distributions(file)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # [KiB]
-    os.mkfifo(tmp_path / "pipe.npz")
-    with pytest.raises(InvalidInputError, match="no plain file"):
-        load_distributions(tmp_path / "pipe.npz")
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -268,6 +268,12 @@ def read_deployment(path: Path) -> Deployment:
         arrays = {name: np.array(each, dtype=float) for name, each in tree["arrays"].items()}
         entries = dict(tree["deployment"])
         content: _Content = from_entries(_Content, entries, arrays)
+        robot = content.controls
+        of_each: list[Any] = [a for a in vars(robot).values() if isinstance(a, np.ndarray)]
+        sizes = {len(each) for each in (*of_each, *robot.limits, robot.kinds, robot.units)}
+        is_whole = len(robot.limits) == 2 and sizes == {len(robot.names)}
+        if not (is_whole and 0.0 < content.time_step <= 10.0 and content.horizon > 0):
+            raise ValueError("its controls, its control period or its horizon cannot be a robot's")
         states = content.poses.reshape(-1, len(content.layout.names))
         poses = dict(zip(content.keyframes, states, strict=True))
         forces = content.forces.reshape(-1, len(content.controls.names))

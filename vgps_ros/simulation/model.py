@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.checks import nearest, quote, told
+from vgps_ros.core.cores import count_cores
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
@@ -40,12 +41,6 @@ _COORDINATES: dict[mujoco.mjtJoint, tuple[tuple[str, ...], tuple[str, ...], tupl
 }
 _SECONDS, _OWN_SECONDS = 10, 60  # of a processor: for a text of others, for the user's files
 _BYTES = 2 << 30  # that a child process may take to compile a model, beyond what it inherits
-_ITERATIONS = (
-    *("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations"),
-    *("sdf_iterations", "sdf_initpoints"),
-)
-_MOST_ITERATIONS = 10_000  # of a solver, since a step may take them all
-_REFUSED = b"-"  # begins the answer of such a process that is a sentence
 MUJOCO_ERRORS = (ValueError, RuntimeError, MemoryError, mujoco.FatalError)
 _AXES = {1: ("",), 3: ("/x", "/y", "/z"), 4: ("/w", "/x", "/y", "/z")}
 
@@ -66,7 +61,7 @@ def compile_model(mjcf: str, *, is_tried: bool = False) -> mujoco.MjModel:
         _try_text(mjcf)
     try:
         model = mujoco.MjModel.from_xml_string(mjcf)
-        mujoco.MjData(model)
+        _ = [mujoco.MjData(model) for _ in range(count_cores())]  # as a training makes them
     except MUJOCO_ERRORS as error:
         raise InvalidInputError(
             f"The robot's MJCF, which must need no file, does not compile: {told(error)}."
@@ -77,12 +72,12 @@ def compile_model(mjcf: str, *, is_tried: bool = False) -> mujoco.MjModel:
             f"The robot's MJCF has a timestep of {step:g} s, but it must be from 1e-7 to 10 s; "
             "0.002 s is usual."
         )
-    for name in _ITERATIONS:
-        if (count := getattr(model.opt, name)) > _MOST_ITERATIONS:
-            raise InvalidInputError(
-                f"The robot's MJCF has {count} {name} of a solver, but {_MOST_ITERATIONS} are the "
-                "most; 100 are usual."
-            )
+    ends = ("iterations", "initpoints")
+    counts = {name: getattr(model.opt, name) for name in dir(model.opt) if name.endswith(ends)}
+    if (count := counts[name := max(counts, key=counts.__getitem__)]) > 10_000:
+        raise InvalidInputError(
+            f"The robot's MJCF has {count} {name}, but 10000 are the most; 100 are usual."
+        )
     if not model.njnt:
         raise InvalidInputError(
             "The model has no joint, so nothing in it can move; each body that shall move against "
@@ -104,8 +99,7 @@ def _try_text(mjcf: str) -> None:
 def try_model(make: Callable[[], Iterable[str]], seconds: int | None = None) -> str:
     """Returns the first of some MJCF texts that compiles in a small process without any file.
 
-    What a model asks for is not to be told from its text, so a child process makes the texts, and
-    compiles them, with limits of time and memory.
+    That process makes the texts, too, since no text tells what its model asks for.
 
     Args:
         make: returns the texts; it may open files.
@@ -131,18 +125,20 @@ def try_model(make: Callable[[], Iterable[str]], seconds: int | None = None) -> 
             f"The robot's MJCF does not compile: it takes more than {seconds} s or "
             f"{_BYTES >> 30} GiB, or ends its process; leave out large meshes, copies and sizes."
         )
-    text = answer[1:].decode()
-    if answer[:1] == _REFUSED:
-        raise InvalidInputError(text)
-    return text
+    if answer.startswith(b"-"):
+        raise InvalidInputError(answer[1:].decode())
+    return answer[1:].decode()
 
 
 def _make_within(seconds: int, make: Callable[[], Iterable[str]], finds: Connection) -> None:
     """Sends the first text that compiles, or the sentence of the last error, within limits."""
+    limits = {resource.RLIMIT_CPU: seconds}
     if sys.platform == "linux":  # macOS limits no process's memory
         used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        _limit(resource.RLIMIT_AS, used + _BYTES)
-    _limit(resource.RLIMIT_CPU, seconds)
+        limits[resource.RLIMIT_AS] = used + _BYTES
+    for kind, limit in limits.items():
+        with suppress(ValueError):  # a lower one holds already
+            resource.setrlimit(kind, (limit, resource.getrlimit(kind)[1]))
     _, most = files = resource.getrlimit(resource.RLIMIT_NOFILE)
     answer = b""
     try:
@@ -153,19 +149,12 @@ def _make_within(seconds: int, make: Callable[[], Iterable[str]], finds: Connect
                 mujoco.mj_forward(model, mujoco.MjData(model))
                 answer = b"+" + text.encode()
                 break
-            except InvalidInputError as error:
-                answer = _REFUSED + str(error).encode()
+            except MUJOCO_ERRORS as error:  # an InvalidInputError is one of them
+                answer = b"-" + str(error).encode()
             resource.setrlimit(resource.RLIMIT_NOFILE, files)
     except InvalidInputError as error:
-        answer = _REFUSED + str(error).encode()
+        answer = b"-" + str(error).encode()
     finds.send_bytes(answer)
-
-
-def _limit(kind: int, most: int) -> None:
-    """Limits what this process may take of something, which may be limited already."""
-    _, hard = resource.getrlimit(kind)
-    least = most if hard == resource.RLIM_INFINITY else min(most, hard)
-    resource.setrlimit(kind, (least, hard))
 
 
 def _check_awake(model: mujoco.MjModel) -> None:

@@ -274,8 +274,7 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
     except MUJOCO_ERRORS as error:
         sentence = f"the model, as it is changed, does not compile: {told(error)}"
         if "opening file" in sentence or "resource" in sentence:
-            sentence += "; `changes: {drop: [visual]}` leaves out what only shows, `drop: [meshes]`"
-            sentence += " all meshes and what they are the shape of"
+            sentence += "; `changes: {drop: [visual]}` or `{drop: [meshes]}` leaves meshes out"
         raise InvalidEntryError(("model",), f"{sentence}.") from error
 
 

@@ -81,7 +81,10 @@ def read_json(path: Path) -> Any:
         OSError: it cannot be read.
         ValueError: it is no JSON, no plain file, or is too large or nested too deeply.
     """
-    if (size := _size_of_file(path)) > _LARGEST_JSON:
+    size = path.stat().st_size
+    if not path.is_file():  # a named pipe would be waited for
+        raise ValueError("it is no plain file")
+    if size > _LARGEST_JSON:
         raise ValueError(
             f"it has {size / 1e6:.0f} MB, but at most {_LARGEST_JSON / 1e6:.0f} MB are read"
         )
@@ -89,13 +92,6 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_bytes())
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
-
-
-def _size_of_file(path: Path) -> int:
-    size = path.stat().st_size
-    if not path.is_file():  # a named pipe would be waited for
-        raise ValueError("it is no plain file")
-    return size
 
 
 def write_archive(path: Path, arrays: Mapping[str, NDArray]) -> None:
@@ -109,16 +105,13 @@ def read_archive(path: Path) -> dict[str, NDArray]:
 
     Raises:
         OSError: the file is missing or cannot be read.
-        InvalidInputError: the file is no archive, is damaged, or holds objects of Python, or more
-            than its size, as no archive of `write_archive` does.
+        InvalidInputError: it is no archive, damaged, or holds objects, or more than its size.
     """
     try:
-        size = _size_of_file(path)
         with zipfile.ZipFile(path) as archive:
-            if (unpacked := sum(info.file_size for info in archive.infolist())) > size:
-                raise InvalidInputError(
-                    f"its {size} bytes would become {unpacked}; save it uncompressed"
-                )
+            size, unpacked = path.stat().st_size, sum(i.file_size for i in archive.infolist())
+            if unpacked > size:
+                raise ValueError(f"its {size} bytes would become {unpacked}; save it uncompressed")
             damaged = archive.testzip()
         if damaged:
             raise InvalidInputError(f"the check sum of {damaged} is wrong")

@@ -195,8 +195,7 @@ def _optimize(
         q = optimize(quick, request, note, is_late, start).distribution
         found.optimized = q.mean
     except VgpsError as error:
-        # What is wrong at the start is the cause of an indefinite Quu, and no setting helps.
-        if getattr(error, "status", "") != "indefinite_quu" or not found.troubles:
+        if getattr(error, "status", "") != "indefinite_quu" or not found.troubles:  # the cause
             found.troubles.append(f"DDP fails: {error}")
     found.seconds = time.perf_counter() - began
     gain = 1.0 - found.costs[-1] / found.costs[-2] if found.costs[1:] and found.costs[-2] else 0.0
