@@ -52,14 +52,20 @@ def lock_step() -> Iterator[Comparison]:
     task = make_task("swimmer")
     with TemporaryDirectory() as folder:
         policy = policy_file(task, Path(folder))
-        pongs, answers, loops = [], [], []
+        pongs, answers, loops, works = [], [], [], []
         for _ in range(ROUNDS):
             with bench() as graph:
-                graph.start_module("benchmarks.pong")
+                pid = graph.start_module("benchmarks.pong")
+                graph.spin_until(lambda: graph.node.count_publishers("joint_command"), "a start")
+                before = processor_seconds(pid)
                 pongs.append(_round_trips(graph, task))
+                works.append(processor_seconds(pid) - before)
             with bench() as graph:
-                graph.start("policy_executor", policy_file=policy)
+                pid = graph.start("policy_executor", policy_file=policy)
+                graph.spin_until(lambda: graph.node.count_publishers("joint_command"), "a start")
+                before = processor_seconds(pid)
                 answers.append(_round_trips(graph, task))
+                works.append(processor_seconds(pid) - before)
             with bench() as graph:
                 graph.start("simulation", start_paused="true")
                 graph.start("policy_executor", policy_file=policy)
@@ -79,6 +85,8 @@ def lock_step() -> Iterator[Comparison]:
             for runs in (answers, pongs)
         )
         yield Comparison(f"executor's answer, {name} / bare ping-pong's", ours, peer, 1.5)
+    own, bare = (1e3 * statistics.median(works[i::2]) / LOOPS for i in (1, 0))
+    yield Comparison("processor time an answer, executor / bare ping-pong", own, bare, 2.0)
 
 
 def policy_file(task: Task, folder: Path) -> Path:
