@@ -123,8 +123,10 @@ def test_a_state_is_answered_once_whatever_the_order_of_its_messages(graph, robo
     graph.diagnosis("policy_executor", DiagnosticStatus.OK, f"Waiting for {waited_for}")
     policies.publish(policy_to_msg(policy, robot.name, 1, Time()))
 
-    def send(stamp, topics):
-        messages = states.split(robot.initial_state, stamp_of(stamp))
+    period = round(1e9 * robot.dynamics.time_step)
+
+    def send(step, topics):
+        messages = states.split(robot.initial_state, stamp_of(step * period))
         for topic in topics:
             publishers[topic].publish(messages[topic])
 
@@ -137,7 +139,7 @@ def test_a_state_is_answered_once_whatever_the_order_of_its_messages(graph, robo
         graph.spin_until(lambda n=stamp: len(commands) >= n, what="an answer")
     send(9, topics[1:])  # no odometry
     graph.spin_for(0.5)
-    assert [nanoseconds(m.header.stamp) for m in commands] == [1, 2, 3]
+    assert [nanoseconds(m.header.stamp) for m in commands] == [period, 2 * period, 3 * period]
     wanted = executed(
         policy, robot.observation(states.join(states.split(robot.initial_state, Time())))
     )
@@ -145,7 +147,7 @@ def test_a_state_is_answered_once_whatever_the_order_of_its_messages(graph, robo
         given = command_from_msg(message, robot.controls)
         np.testing.assert_array_equal(given, wanted)
 
-    messages = states.split(robot.initial_state, stamp_of(10))
+    messages = states.split(robot.initial_state, stamp_of(10 * period))
     messages["odom"] = Odometry(header=messages["odom"].header, child_frame_id="base_link")
     for topic in topics:
         publishers[topic].publish(messages[topic])

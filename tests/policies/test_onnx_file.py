@@ -46,8 +46,8 @@ def test_a_network_and_its_words_are_read_as_they_stand():
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        (with_function, "It .* has local functions"),
-        (external_and_sparse, "It .* sparse tensors"),
+        (with_function, "It has local functions"),
+        (external_and_sparse, "sparse tensors|keeps its weights in another file"),
     ],
 )
 def test_what_could_reach_beyond_the_graph_is_refused(make, sentence):

@@ -28,7 +28,7 @@ cost: [{sensor: shoulder/position}, {control: all, weight: 0.1}]
 
 # What is put into a model, and what is said of it.
 MODELS = {
-    "no XML": (ARM.replace("</mujoco>", ""), "is no valid MJCF: .* no XML"),
+    "no XML": (ARM.replace("</mujoco>", ""), "is no valid MJCF: XML parse error"),
     "unknown element": ({"top": "<robot/>"}, "unrecognized element"),
     "no joint": (
         "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>",
@@ -43,7 +43,7 @@ MODELS = {
             "top": '<asset><mesh name="m" file="m.obj"/></asset>',
             "inside": '<geom type="mesh" mesh="m"/>',
         },
-        r"m\.obj'; `changes: \{drop: \[visual\]\}` leaves out what only shows",
+        r"m\.obj'; `changes: \{drop: \[visual\]\}` or `\{drop: \[meshes\]\}` leaves meshes out",
     ),
     "lost include": ({"top": '<include file="rest.xml"/>'}, "rest.xml"),
     "lost heights": (
@@ -63,10 +63,10 @@ MODELS = {
     ),
     "huge texture": (
         {
-            "top": '<asset><texture type="2d" builtin="flat" name="t" width="9000" '
-            'height="9000"/></asset>'
+            "top": '<asset><texture type="2d" builtin="flat" name="t" width="26000" '
+            'height="26000"/></asset>'
         },
-        "numbers in <texture>",
+        "does not compile|no valid MJCF",
     ),
     "plugin": ({"inside": '<geom type="sdf" size=".1"><plugin instance="p"/></geom>'}, "p"),
     "bad number": ({"inside": '<geom size="wide"/>'}, "size"),

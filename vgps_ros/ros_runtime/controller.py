@@ -96,6 +96,7 @@ STATE_QOS = Setting(
     "control period one is answered in each",
     choices=("reliable", "sensor_data"),
 )
+
 SENSOR_TOLERANCE = Setting(
     "sensor_tolerance",
     0.05,
@@ -443,8 +444,8 @@ class Controller(LifecycleNode):
     def _answer_pose(
         self, name: str, _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        is_free = not (self._is_shadow or self._supervisor.is_latched)
-        response.success = self._active and is_free
+        is_driving = self._active and not self._is_shadow
+        response.success = is_driving and not self._supervisor.is_latched
         if response.success:
             self._take_pose(name, is_driven=self._pose is None)
             response.message = f"It {self._pose.name}." if self._pose else "It is driven."

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from scipy.optimize import linear_sum_assignment
 from std_msgs.msg import Float64MultiArray
 
 from vgps_ros.core.bodies import BACK, product, vertical
@@ -181,6 +180,8 @@ class Look:
             )
 
     def _judge_joints(self, times: Array, states: Array) -> None:
+        from scipy.optimize import linear_sum_assignment  # only a shadow needs it
+
         layout = self._robot.layout
         positions, velocities = np.split(states[:, layout.joint_places], 2, axis=1)
         beyond = (positions < layout.ranges[0] - _MARGIN) | (positions > layout.ranges[1] + _MARGIN)
