@@ -51,7 +51,7 @@ MOST = 500  # iterations of DDP until it has converged; those of a perturbed sta
 
 def robots() -> dict[str, str]:
     """Returns the task of each robot that learns a motion: built-in, of others, from a pose."""
-    others = sorted((ROOT / "tests" / "robots").glob("*.yaml"))
+    others = sorted((ROOT / "tests" / "other_robots").glob("*.yaml"))
     others = [path for path in others if "\ncommands:" not in path.read_text()]
     alone = sorted((ROOT / "benchmarks" / ALONE).glob("*.yaml"))
     return (
@@ -119,7 +119,7 @@ def costs_of(
 
 def last_change() -> str:
     """Returns the last commit that changed the package or a robot's file."""
-    places = ("vgps_ros", "tests/robots", f"benchmarks/{ALONE}")
+    places = ("vgps_ros", "tests/other_robots", f"benchmarks/{ALONE}")
     command = ["git", "log", "-1", "--format=%h", "--abbrev=7", "--", *places]
     return subprocess.check_output(command, cwd=ROOT, text=True).strip()
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks import recorded_task
 

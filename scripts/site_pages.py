@@ -22,7 +22,7 @@ from vgps_ros.programs import bag
 from vgps_ros.programs.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[1]
-LIBRARY = ("core", "core/ddp", "simulation", "safety", "policies", "tasks", "search")
+LIBRARY = ("core", "core/ddp", "robot", "simulation", "safety", "policies", "tasks", "search")
 # The page of the site that shows a file or a folder outside docs/.
 SHOWN_AS = {
     "README.md": "index.md",

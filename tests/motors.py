@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import mujoco
 
-from vgps_ros.core.controls import Controls
+from vgps_ros.robot.controls import Controls
 from vgps_ros.simulation.controls import controls_of
 
 

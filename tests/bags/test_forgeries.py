@@ -19,8 +19,8 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import UNPROVED, BagCheck, check_bag
 from vgps_ros.bags.reader import BagMessage
 from vgps_ros.bags.writer import MessageDefinitions
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.messages.conversions import nanoseconds, policy_from_msg
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.simulation.forces import BodyFrames, JointForces
 from vgps_ros.tasks import make_task
 

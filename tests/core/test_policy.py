@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import multivariate_normal
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import ExactMean
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_network import Passes, Standardization
+from vgps_ros.robot.executed_control import ExactMean
 from vgps_ros.simulation.compiled_loops import compiled_network, network_output
 
 MODULES = {

@@ -42,7 +42,6 @@ from vgps_msgs.msg import GaussianPolicy as GaussianPolicyMsg
 
 import vgps_ros.tasks
 from tests.nodes.forked import ForkedCommand, prepare
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import (
@@ -53,6 +52,7 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.messages.names import MJCF
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST, STREAM
 from vgps_ros.tasks import Task
 

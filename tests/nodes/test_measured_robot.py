@@ -22,7 +22,6 @@ from vgps_msgs.msg import Signals
 from tests.bags.altered import messages_of, write_bag
 from tests.nodes.conftest import executed, values_of
 from vgps_ros.bags.bag_check import check_bag
-from vgps_ros.core.bodies import product
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.messages.conversions import (
@@ -37,6 +36,7 @@ from vgps_ros.messages.robot_state import (
     StateMessages,
     joined_joints,
 )
+from vgps_ros.robot.bodies import product
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.storage.run_folder import save_policy

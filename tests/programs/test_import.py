@@ -9,11 +9,11 @@ import onnx
 import pytest
 
 from tests.onnx_models import elu_layers, elu_model
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.policies.deployment import read_deployment
 from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbed_task import for_policy
 

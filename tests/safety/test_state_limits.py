@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motors import motors
-from vgps_ros.core.bodies import vertical
+from vgps_ros.robot.bodies import vertical
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.state_limits import StateLimits
 from vgps_ros.safety.supervisor import Supervisor

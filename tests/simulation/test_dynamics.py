@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import ACTIVATIONS, Architecture, GaussianPolicy
 from vgps_ros.core.records import Trajectory
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import cyclic_positions
 from vgps_ros.simulation.readings import Readings

@@ -10,8 +10,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from vgps_ros.core.checks import matching
-from vgps_ros.core.controls import ControlKind
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
+from vgps_ros.robot.controls import ControlKind
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import scalar_names
 from vgps_ros.simulation.model_changes import changed_spec

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from vgps_ros import DRAWS_BY
-from vgps_ros.core.signals import Command
+from vgps_ros.robot.signals import Command
 from vgps_ros.search.driven import Driven, planar_path
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.filmstrip import RenderingError, filmstrip, frames, write_moving_picture

@@ -16,9 +16,9 @@ from PIL import Image
 from tests.browser import LACKING, opened
 from tests.onnx_models import drawn_policy
 from tests.servo_arm import REMEMBERING, write_arm
-from vgps_ros.core.executed_control import ExactMean, RememberingPolicy
 from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.robot.executed_control import ExactMean, RememberingPolicy
 from vgps_ros.storage.run_folder import load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.registry import task_file_of, task_names

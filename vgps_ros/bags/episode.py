@@ -17,7 +17,6 @@ import numpy as np
 from vgps_ros.bags.reader import BagReader
 from vgps_ros.bags.recorded_nodes import SLACK
 from vgps_ros.core.checks import finite_array, list_names
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.messages.conversions import command_from_msg, efforts_from_msg, nanoseconds
@@ -28,6 +27,7 @@ from vgps_ros.messages.robot_state import (
     StateCollector,
     StateMessages,
 )
+from vgps_ros.robot.controls import Controls
 from vgps_ros.search.identification import MeasuredMotion
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import controls_are_forces

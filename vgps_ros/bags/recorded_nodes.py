@@ -14,18 +14,18 @@ import numpy as np
 from rclpy.parameter import parameter_value_to_python
 
 from vgps_ros.bags.reader import BagReader
-from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import Policy, RememberingPolicy
 from vgps_ros.core.observation import NO_CONTEXT, Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
-from vgps_ros.core.signals import Signals
 from vgps_ros.messages.conversions import policy_from_msg, robot_model
 from vgps_ros.policies.deployment import Reader
 from vgps_ros.policies.driver import observation_of
+from vgps_ros.robot.controls import CONTROL_BOUND
+from vgps_ros.robot.executed_control import Policy, RememberingPolicy
+from vgps_ros.robot.signals import Signals
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import ControlLimiter, safe_control
 from vgps_ros.safety.training_marginals import TrainingMarginals

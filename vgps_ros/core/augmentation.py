@@ -18,12 +18,11 @@ from vgps_ros.core.records import Array
 Samples = tuple[Array, Array, Array]
 """What the policy reads (N, n_o), the wanted controls' means (N, n_u) and variances (N, n_u)."""
 
-
 _SHORT = 2  # letters of a part, such as l or FR, that may stand in any word by chance
 
 
 def swap_parts(name: str, pairs: Sequence[tuple[str, str]]) -> str:
-    """Returns a name with the parts of each pair swap_parts.
+    """Returns a name with the parts of each pair swapped.
 
     Short parts and numbers count only where they are words of their own, as in l_hip, hipL or leg2.
     """

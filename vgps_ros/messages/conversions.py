@@ -34,13 +34,13 @@ from vgps_ros.core.checks import (
     from_arrays,
     quote,
 )
-from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
-from vgps_ros.core.signals import Command
 from vgps_ros.messages.names import CMD_VEL
 from vgps_ros.policies.deployment import Deployment
+from vgps_ros.robot.controls import ControlKind, Controls
+from vgps_ros.robot.signals import Command
 
 if TYPE_CHECKING:  # an executor takes none of them
     from vgps_ros.search.metrics import IterationMetrics

@@ -35,7 +35,6 @@ from geometry_msgs.msg import Transform, Twist, Vector3
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, JointState, MultiDOFJointState
 
-from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotate
 from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
@@ -48,6 +47,7 @@ from vgps_ros.messages.conversions import (
     state_from_msg,
     state_to_msg,
 )
+from vgps_ros.robot.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotate
 
 TOPICS = ("odom", "multi_dof_joint_states", "activations", "joint_states")
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS

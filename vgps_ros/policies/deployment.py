@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.bodies import StateLayout
 from vgps_ros.core.checks import nearest, one_of, quote
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import PastInputs
 from vgps_ros.core.observation import Conditions, Observation, StateReadings
 from vgps_ros.core.records import Array
-from vgps_ros.core.signals import Signals
+from vgps_ros.robot.bodies import StateLayout
+from vgps_ros.robot.controls import Controls
+from vgps_ros.robot.signals import Signals
 from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
 
 _FORMAT = 2

@@ -6,19 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgps_ros.core.bodies import StateLayout
 from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import Policy as AnyPolicy
-from vgps_ros.core.executed_control import RememberingPolicy
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.core.signals import Signals
 from vgps_ros.policies.contract import BASE, TOLD, Contract, nearest_term
 from vgps_ros.policies.deployment import Deployment, Reader
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile
+from vgps_ros.robot.bodies import StateLayout
+from vgps_ros.robot.executed_control import Policy as AnyPolicy
+from vgps_ros.robot.executed_control import RememberingPolicy
+from vgps_ros.robot.signals import Signals
 
 _SAME_PERIOD = 1e-3  # relative difference of two periods that are the same but for their text
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.checks import check_spelling, nearest, one_of, quote
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import BASE, HELD, STATE
@@ -29,6 +28,7 @@ from vgps_ros.policies.onnx_file import (
     with_metadata,
 )
 from vgps_ros.policies.onnx_policy import constants_of
+from vgps_ros.robot.controls import Controls
 from vgps_ros.storage.files import read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"

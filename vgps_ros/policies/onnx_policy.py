@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.checks import nearest, quote
-from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
@@ -27,6 +26,7 @@ from vgps_ros.policies.onnx_file import (
     package,
     parsed,
 )
+from vgps_ros.robot.controls import ControlKind, Controls
 
 MEMORY = 256 << 20  # of all networks of a process [bytes]
 _ENDLESS = 1 << 30  # steps after which nobody waits to know a state

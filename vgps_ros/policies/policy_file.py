@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from vgps_ros.core.checks import arrays_of
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
 from vgps_ros.policies.onnx_policy import OnnxPolicy
+from vgps_ros.robot.controls import Controls
 from vgps_ros.storage.run_folder import load_policy
 
 Policy = GaussianPolicy | OnnxPolicy

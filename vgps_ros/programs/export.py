@@ -146,10 +146,10 @@ def metadata(task: "Task", policy: "GaussianPolicy", path: Path) -> dict[str, st
     """Returns what the file says of itself: first by the keys of mjlab, then by our own."""
     import numpy as np
 
-    from vgps_ros.core.controls import ControlKind
     from vgps_ros.core.memory import terms_of
-    from vgps_ros.core.unrest import RATE, TILT
     from vgps_ros.policies.onnx_file import with_commas
+    from vgps_ros.robot.controls import ControlKind
+    from vgps_ros.robot.unrest import RATE, TILT
     from vgps_ros.simulation.model import state_names
     from vgps_ros.storage.software import commit
 

@@ -10,12 +10,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from vgps_ros.core.checks import one_of, quote
-from vgps_ros.core.controls import INTERFACES, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
 from vgps_ros.messages.names import COMMANDS_SENT
+from vgps_ros.robot.controls import INTERFACES, Controls
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import STATES, lively

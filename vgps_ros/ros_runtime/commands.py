@@ -24,8 +24,6 @@ from vgps_msgs.msg import Signals as SignalsMsg
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.core.signals import SOURCE, Command, Signals
-from vgps_ros.core.unrest import Waking
 from vgps_ros.messages.conversions import (
     commands_from_twist,
     nanoseconds,
@@ -34,6 +32,8 @@ from vgps_ros.messages.conversions import (
     stamp_of,
 )
 from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
+from vgps_ros.robot.signals import SOURCE, Command, Signals
+from vgps_ros.robot.unrest import Waking
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STATES

@@ -28,12 +28,10 @@ from std_srvs.srv import SetBool, Trigger
 from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.checks import quote
-from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
-from vgps_ros.core.unrest import Unrest, Waking
 from vgps_ros.messages.conversions import (
     gains_to_msg,
     nanoseconds,
@@ -53,6 +51,8 @@ from vgps_ros.messages.robot_state import (
     readings_of_place,
 )
 from vgps_ros.policies.deployment import Deployment
+from vgps_ros.robot.controls import CONTROL_BOUND
+from vgps_ros.robot.unrest import Unrest, Waking
 from vgps_ros.ros_runtime.command_sender import AnswerTimes, CommandSender
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health

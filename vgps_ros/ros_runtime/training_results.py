@@ -12,7 +12,6 @@ from vgps_msgs.msg import TrajectoryDistribution as TrajectoryDistributionMsg
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import (
@@ -28,6 +27,7 @@ from vgps_ros.policies.deployment import Deployment
 from vgps_ros.policies.driver import Driver, driver_of
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST

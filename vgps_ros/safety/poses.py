@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
+from vgps_ros.robot.controls import Controls
 
 _LONGEST = 0.1  # time between two states that counts for a correction [s]
 

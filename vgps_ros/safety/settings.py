@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.checks import finite_array
-from vgps_ros.core.controls import CONTROL_BOUND, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import setting
+from vgps_ros.robot.controls import CONTROL_BOUND, Controls
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ policy drives there, while the robot may be told to stand up.
 
 import numpy as np
 
-from vgps_ros.core.bodies import StateLayout, vertical
 from vgps_ros.core.records import Array
+from vgps_ros.robot.bodies import StateLayout, vertical
 from vgps_ros.safety.settings import SafetySettings
 
 

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.observation import NO_CONTEXT
 from vgps_ros.core.records import Array
+from vgps_ros.robot.controls import Controls
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.state_limits import StateLimits
 from vgps_ros.safety.training_marginals import TrainingMarginals, nearest_of

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.core.signals import Command
+from vgps_ros.robot.signals import Command
 from vgps_ros.search.judgement import SETTLING, Achieved, settled_steps
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import asked_path

@@ -35,7 +35,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets, draw_targets
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.core.signals import Signals
+from vgps_ros.robot.signals import Signals
 from vgps_ros.search.judgement import LATE, late_error
 from vgps_ros.search.optimization_request import OptimizationRequest
 from vgps_ros.search.settings import SearchSettings

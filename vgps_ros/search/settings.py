@@ -13,7 +13,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import ACTIVATIONS, Architecture
 from vgps_ros.core.settings import Setting, setting, settings_of, with_values
-from vgps_ros.core.signals import CommandSettings
+from vgps_ros.robot.signals import CommandSettings
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 
 if TYPE_CHECKING:

@@ -21,13 +21,13 @@ from vgps_ros.core.ddp.forward_pass import Problem
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
 from vgps_ros.core.ddp.solve import Iteration, Solution, Status, centre_of_q, solve
 from vgps_ros.core.errors import DivergenceError
-from vgps_ros.core.executed_control import ExecutedPolicy
 from vgps_ros.core.marginals import state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.search.optimization_request import OptimizationRequest, check_request, nominal_of
 from vgps_ros.search.situations import Situation
 from vgps_ros.simulation.warnings import in_words

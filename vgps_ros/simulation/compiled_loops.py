@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.compilation import compile_at_first_call, compiled_part
-from vgps_ros.core.executed_control import (
+from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
+from vgps_ros.core.records import Array
+from vgps_ros.robot.executed_control import (
     ARTANH,
     EXP,
     INVERSE_LOG_2,
@@ -16,9 +18,7 @@ from vgps_ros.core.executed_control import (
     LOG_2_LOW,
     SMALLEST_EXPONENT,
 )
-from vgps_ros.core.policy import ACTIVATIONS, GaussianPolicy
-from vgps_ros.core.records import Array
-from vgps_ros.core.unrest import RATE, TILT
+from vgps_ros.robot.unrest import RATE, TILT
 from vgps_ros.simulation.compiled_readings import read
 from vgps_ros.simulation.compiled_states import (
     NEVER,
@@ -167,7 +167,7 @@ def execute(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @compiled_part
 def _is_restless(x, unrest):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Returns whether a robot is restless, as `core.unrest` has it; never, if no place is known."""
+    """Returns whether a robot is restless, by `robot.unrest`; never, if no place is known."""
     rotation, rate, up, vertical, steps = unrest
     if steps == 0:
         return False
@@ -222,7 +222,7 @@ def compiled_network(policy: GaussianPolicy) -> CompiledNetwork:
 def network_output(network, a, z):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes μ_θ(o) over o, the beginning of a; a and z must be as long as the widest layer.
 
-    Its bits are those of `core.executed_control.ExactMean`.
+    Its bits are those of `robot.executed_control.ExactMean`.
     """
     parameters, sizes, biased, activation = network
     start = 0

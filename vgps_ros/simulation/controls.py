@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What each actuator of a model is, as `core.controls` has it."""
+"""What each actuator of a model is, as `robot.controls` has it."""
 
 from itertools import compress
 from typing import NamedTuple
@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import CONTROL_BOUND, ControlKind, Controls
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind, Controls
 from vgps_ros.simulation.model import actuated_joint_names, control_range
 
 _GAIN, _BIAS, _DYNAMICS = mujoco.mjtGain, mujoco.mjtBias, mujoco.mjtDyn

@@ -20,13 +20,13 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.cores import count_cores
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND, ControlLaw
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
-from vgps_ros.core.unrest import Unrest
+from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
+from vgps_ros.robot.unrest import Unrest
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
 from vgps_ros.simulation.controls import controls_of

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from vgps_ros.core.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotate
 from vgps_ros.core.records import Array
+from vgps_ros.robot.bodies import BACK, BodyJoint, PlanarBase, StateLayout, product, rotate
 from vgps_ros.simulation.model import joint_names, joint_ranges, state_names
 
 ROOT = "odom"  # of every robot, as REP-105 names the frame in which a robot starts

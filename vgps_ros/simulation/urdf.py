@@ -17,9 +17,9 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 import numpy as np
 
-from vgps_ros.core.bodies import rotate
-from vgps_ros.core.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.core.records import Array
+from vgps_ros.robot.bodies import rotate
+from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.frames import FIXED, ROOT, Link, links
 from vgps_ros.simulation.model import joint_names

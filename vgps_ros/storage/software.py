@@ -1,7 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Describes what the bytes of a run depend on: versions, commit, machine and its arithmetic.
 
-The controls of an executed policy do not depend on the machine (see `core/executed_control`). The
+The controls of an executed policy do not depend on the machine (see `robot/executed_control`). The
 bytes of a training do: BLAS, the compiler of the loops, torch and libm choose their code by what
 the processor can do, and their sums differ in the last bits. An optimisation enlarges that from
 step to step, so only trainings with equal `arithmetic` and `packages` have equal bytes.

@@ -19,7 +19,7 @@ from vgps_ros.core.errors import Place, at_entry, refuse_if
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
 from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.records import Array
-from vgps_ros.core.signals import CLOCK, Command, Signals
+from vgps_ros.robot.signals import CLOCK, Command, Signals
 from vgps_ros.simulation.controls import resting_controls
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.frames import state_layout

@@ -18,13 +18,13 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vgps_ros.core.bodies import UP
 from vgps_ros.core.checks import known
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.policies.policy_file import PolicyFile
+from vgps_ros.robot.bodies import UP
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
 from vgps_ros.simulation.controls import closed_loops
 from vgps_ros.simulation.dynamics import Dynamics

@@ -18,11 +18,9 @@ import numpy as np
 import yaml
 
 from vgps_ros.core.checks import quote
-from vgps_ros.core.controls import ControlKind
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import LAST_ACTION, terms_of
 from vgps_ros.core.records import Array
-from vgps_ros.core.unrest import RATE, TILT
 from vgps_ros.policies.contract import VELOCITY_COMMANDS, Contract
 from vgps_ros.policies.driver import observation_of
 from vgps_ros.policies.onnx_file import (
@@ -33,6 +31,8 @@ from vgps_ros.policies.onnx_file import (
     network,
     with_commas,
 )
+from vgps_ros.robot.controls import ControlKind
+from vgps_ros.robot.unrest import RATE, TILT
 from vgps_ros.simulation.model import state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.storage.files import replacing
@@ -211,8 +211,8 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     """Writes a LEAPP bundle: policy.yaml, policy.onnx and what its states begin with.
 
     Its inputs are what a robot measures; the clock is a state of the network, and so are the steps
-    for which one that stops goes on (`core.unrest`), and the last action. A reading that is no term
-    is an input of its own, without a kind.
+    for which one that stops goes on (`robot.unrest`), and the last action. A reading that is no
+    term is an input of its own, without a kind.
 
     Raises:
         InvalidInputError: the policy reads former steps, of which no state tells in the first one.
@@ -351,7 +351,7 @@ def _clock(build: Builder, phase: str, turn: float) -> str:
 def _stopping(
     build: Builder, picked: str, numbers: list[Number], task: Task, values: Mapping[str, str]
 ) -> str:
-    """Adds what stops the clock among a policy's inputs, as `core.unrest` has it."""
+    """Adds what stops the clock among a policy's inputs, as `robot.unrest` has it."""
     unrest, rest = task.unrest, dict(zip(task.signals.names, task.signals.rest, strict=False))
     assert unrest
     axis, rate = build.indices([1]), values["base_ang_vel"]

@@ -7,8 +7,8 @@ robot is simulated, while what a joint lacks of the pose is added to its target,
 
 import numpy as np
 
-from vgps_ros.core.controls import ControlKind, Controls
 from vgps_ros.core.records import Array
+from vgps_ros.robot.controls import ControlKind, Controls
 from vgps_ros.simulation.dynamics import Dynamics
 
 _SECONDS = 8.0  # after which it stands, or never will

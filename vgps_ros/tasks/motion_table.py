@@ -18,10 +18,10 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import finite_array, nearest, quote
-from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array, Trajectory
+from vgps_ros.robot.controls import CONTROL_BOUND
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import state_names
 from vgps_ros.storage.files import replacing

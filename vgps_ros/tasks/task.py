@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.augmentation import Augmentation
-from vgps_ros.core.bodies import UP
-from vgps_ros.core.controls import Controls
 from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.observation import Conditions, Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.core.signals import Signals
-from vgps_ros.core.unrest import Unrest
 from vgps_ros.policies.deployment import Deployment
 from vgps_ros.policies.driver import Driver, driver_of
 from vgps_ros.policies.policy_file import PolicyFile
+from vgps_ros.robot.bodies import UP
+from vgps_ros.robot.controls import Controls
+from vgps_ros.robot.signals import Signals
+from vgps_ros.robot.unrest import Unrest
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import deviation_names, joint_names, sensor_numbers

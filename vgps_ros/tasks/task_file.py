@@ -53,7 +53,7 @@ from vgps_ros.core.errors import (
 )
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
-from vgps_ros.core.signals import SOURCE
+from vgps_ros.robot.signals import SOURCE
 from vgps_ros.simulation.packages import package_folders
 from vgps_ros.simulation.sensor_types import OBJECTS, SENSOR_TYPES
 from vgps_ros.tasks.schema import (

@@ -9,8 +9,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from vgps_ros.core.controls import Controls
 from vgps_ros.messages.names import CONTEXT
+from vgps_ros.robot.controls import Controls
 from vgps_ros.views.recording import TIME
 from vgps_ros.views.robot_shape import RobotShape, floor
 

@@ -12,9 +12,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.controls import ControlKind, Mask
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.robot.controls import ControlKind, Mask
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import cyclic_positions, deviation_names
 

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.checks import list_names
-from vgps_ros.core.controls import Mask
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
+from vgps_ros.robot.controls import Mask
 from vgps_ros.search.judgement import Achieved
 from vgps_ros.search.optimization_request import OptimizationRequest, first_request, nominal_of
 from vgps_ros.search.settings import search_settings

@@ -17,7 +17,7 @@ from simulation_interfaces.srv import (
 )
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.signals import Command
+from vgps_ros.robot.signals import Command
 from vgps_ros.ros_runtime.commands import FACTS, commands_of
 from vgps_ros.ros_runtime.qos import CALLS
 

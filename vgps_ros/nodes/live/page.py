@@ -30,8 +30,8 @@ from websockets.typing import Origin
 from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.signals import Command, Signals
 from vgps_ros.nodes.live.robot import LiveRobot
+from vgps_ros.robot.signals import Command, Signals
 from vgps_ros.search.metrics import IterationMetrics
 
 if TYPE_CHECKING:

@@ -23,10 +23,8 @@ from sensor_msgs.msg import JointState
 from simulation_interfaces.msg import SimulationState
 from simulation_interfaces.srv import ResetSimulation, SetSimulationState
 
-from vgps_ros.core.controls import CONTROL_BOUND
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.executed_control import ExactMean
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
@@ -34,6 +32,8 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.policy_learner.optimizer_pool import CancelledError
+from vgps_ros.robot.controls import CONTROL_BOUND
+from vgps_ros.robot.executed_control import ExactMean
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import CALLS, LEASE, STATES

@@ -13,13 +13,13 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import Imu
 
-from vgps_ros.core.bodies import BACK, product, rotate
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import IMU, StateMessages, put
+from vgps_ros.robot.bodies import BACK, product, rotate
 from vgps_ros.ros_runtime.parameters import declare, declare_settings
 from vgps_ros.ros_runtime.qos import STATES, lively
 

@@ -18,12 +18,12 @@ from simulation_interfaces.msg import (
 )
 from simulation_interfaces.srv import SetEntityState
 
-from vgps_ros.core.bodies import BodyJoint
 from vgps_ros.core.checks import finite_array, quote
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.records import Array
 from vgps_ros.messages.robot_state import read_body
+from vgps_ros.robot.bodies import BodyJoint
 from vgps_ros.simulation.frames import body_joints
 from vgps_ros.tasks import Task
 

@@ -20,9 +20,9 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import Conditions, StateReadings
-from vgps_ros.core.signals import Command
-from vgps_ros.core.unrest import RATE, TILT, Unrest
 from vgps_ros.policies.onnx_file import ExportedPolicy
+from vgps_ros.robot.signals import Command
+from vgps_ros.robot.unrest import RATE, TILT, Unrest
 from vgps_ros.simulation.frames import frame_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vgps_ros.core.bodies import vertical
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.unrest import RATE, TILT, Unrest, Waking
+from vgps_ros.robot.bodies import vertical
+from vgps_ros.robot.unrest import RATE, TILT, Unrest, Waking
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import Disturbance

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.bodies import UP, StateLayout, vertical
 from vgps_ros.core.records import Array
-from vgps_ros.core.signals import Signals
+from vgps_ros.robot.bodies import UP, StateLayout, vertical
+from vgps_ros.robot.signals import Signals
 
 TILT = 0.07  # [rad]
 RATE = 0.7  # [rad/s]

@@ -173,9 +173,8 @@ class ExecutedPolicy:
         """
         noise: Array | float = 0.0
         if seed is not None:
-            rng = generator(
-                seed, Stream.EXECUTION, stamp % 2**64
-            )  # an untrusted bag may have times below 0
+            # A bag that is not trusted may have times below 0.
+            rng = generator(seed, Stream.EXECUTION, stamp % 2**64)
             std = self.policy.noise_std
             noise = std * rng.standard_normal(len(std))
         if self._remembering:

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.signals import Command, CommandSettings, Signals
+from vgps_ros.robot.signals import Command, CommandSettings, Signals
 
 FORWARD, HEIGHT = Command("forward", -0.5, 1.0), Command("height", 0.2, 0.4, unit="m")
 BOTH = Signals((FORWARD, HEIGHT), frequency=2.0, time_step=0.05)

@@ -9,13 +9,13 @@ import sys
 import numpy as np
 import pytest
 
-from vgps_ros.core.executed_control import ExecutedPolicy, _exp, _log1p
 from vgps_ros.core.seeding import Stream, generator
+from vgps_ros.robot.executed_control import ExecutedPolicy, _exp, _log1p
 
 BITS = """
 import hashlib
 import numpy as np
-from vgps_ros.core.executed_control import ExecutedPolicy
+from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 rng, digest = np.random.default_rng(3), hashlib.sha256()
 for activation in ("softplus", "tanh", "relu"):

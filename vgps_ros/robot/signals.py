@@ -8,7 +8,7 @@ executes a policy tells it their values.
 A command at rest is zero, or the value of its range that is nearest to zero. The clock is a phase
 φ = f t in turns, of which the policy reads sin 2πφ and cos 2πφ. It may stand still while all
 commands are at rest: both are zero then, and so is each swing that follows the clock. It turns
-there while the robot has to step (see `core.unrest`).
+there while the robot has to step (see `robot.unrest`).
 """
 
 import re
