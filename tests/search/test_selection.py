@@ -52,6 +52,17 @@ def test_success_counts_first_and_then_the_error_and_the_later_one_of_equals():
     assert replace(good, k=5).beats(good)
 
 
+@pytest.mark.parametrize(
+    ("success", "loss", "taken"),
+    [(0.9, 0.6, True), (0.86, 0.4, True), (0.86, 0.6, False), (0.84, 0.4, False)],
+)
+def test_calibrated_commands_may_cost_a_rollout_only_where_they_lower_the_error(
+    success, loss, taken
+):
+    best, calibrated = Tried(None, 4, 0.9, 0.5), Tried(None, 4, success, loss)
+    assert calibrated.is_no_worse_than(best) == taken
+
+
 def test_policies_are_tried_in_the_second_half_of_a_search_that_renews(settings):
     assert [is_evaluated(settings, k) for k in (1, 2, 3, 4)] == [False, False, True, True]
     assert not is_evaluated(with_values(settings, {"renew.share": 0.0}), 4)

@@ -7,8 +7,8 @@ and with one push each of those that new situations have. A training whose situa
 ends with the policy that was up and obeyed its commands most often (see `judgement`); of several
 that did so equally often, with the one of the least error.
 
-In the end its commands are calibrated, unless it then clearly succeeds less often (see
-`calibration`).
+In the end its commands are calibrated, unless it then succeeds clearly less often, or a little less
+often with a larger error (see `calibration`).
 
 The M-step knows only the states that it was shown, and one may ruin a policy elsewhere. So a step
 after which far fewer rollouts succeed is taken only as far as that does not happen.
@@ -64,6 +64,11 @@ class Tried:
         mine, theirs = (self.success, -self.loss), (other.success, -other.loss)
         return mine >= theirs
 
+    def is_no_worse_than(self, other: "Tried") -> bool:
+        """Returns whether it succeeds as often, or a little less often with no larger error."""
+        is_alike = self.success >= other.success - _ALIKE and self.loss <= other.loss
+        return self.success >= other.success or is_alike
+
     def summary(self, task: Task, settings: SearchSettings) -> str:
         """Returns a summary: a sentence without its subject."""
         if task.signals.commands:
@@ -117,7 +122,7 @@ def finish(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Trie
     if policy is best.policy:
         return best
     found = try_policy(task, settings, seed, policy, best.k)
-    return found if found.success >= best.success - _ALIKE else best
+    return found if found.is_no_worse_than(best) else best
 
 
 def try_policy(

@@ -78,7 +78,7 @@ def first_task_file(
         at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
         robot.strengths = {name: float(force) for name, force in at_joint if force < CONTROL_BOUND}
     facts: dict[str, Any] = dict.fromkeys(_EDITS) | changes
-    facts |= _template_values(robot, former.nu) | {"schema": schema, "model": reference}
+    facts |= _template_values(robot, former) | {"schema": schema, "model": reference}
     locks = changes.get("joints", {}).items()
     facts["locks"] = [f"{_flow(name)}: {_flow(values)}" for name, values in locks]
     facts["jointed"] = facts["locks"] or facts["limits"]
@@ -116,7 +116,7 @@ def _flow(value: Any, digits: int = 3) -> str:
     return re.sub(r"^(-?\d+)e", r"\1.0e", number)
 
 
-def _template_values(robot: Robot, actuators: int) -> dict[str, Any]:
+def _template_values(robot: Robot, former: mujoco.MjModel) -> dict[str, Any]:
     """Returns the facts of which the template speaks; one that is left out counts as false."""
     model, legs = robot.model, bool(robot.feet)
     numbers = legged_numbers(robot) if legs else _general_numbers(robot)
@@ -124,13 +124,13 @@ def _template_values(robot: Robot, actuators: int) -> dict[str, Any]:
     moved = robot.moved()
     listed = {
         "joints": [model.joint(i).name for i in range(model.njnt)],
-        "actuators": [model.actuator(i).name for i in range(model.nu)],
+        "actuators": [former.actuator(i).name for i in range(former.nu)],
         "keyframes": [model.key(i).name or str(i) for i in range(model.nkey)],
         "sensors": [model.sensor(i).name for i in range(model.nsensor)],
     }
     return {
         robot.kind: True,
-        "robot": f"({robot.mass:.3g} kg, a {base} base, actuators: {actuators})",
+        "robot": f"({robot.mass:.3g} kg, a {base} base, actuators: {former.nu})",
         "weightless": robot.base and not robot.gravity,
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},

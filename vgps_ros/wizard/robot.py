@@ -20,7 +20,7 @@ from vgps_ros.simulation.model import cyclic_positions, deviation_names
 
 _DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
 _STILL = 1e-3  # speed of a joint up to which damping holds it [m/s, rad/s]
-_SHAKEN = 37.0  # acceleration of a joint by its motor that no policy can steer, of g/l
+_SHAKEN = 25.0  # acceleration of a joint by its motor that no policy can steer, of g/l
 FREE, BALL, SLIDE, HINGE = range(4)  # as in mjtJoint
 
 
