@@ -8,13 +8,15 @@ node takes it, so that one thread alone speaks ROS.
 import asyncio
 import html
 import json
+import logging
 import math
+import socket
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -22,9 +24,7 @@ import numpy as np
 import rich
 import viser
 from simulation_interfaces.msg import SimulationState
-from viser.infra import Message
-from websockets import ConnectionClosed
-from websockets.asyncio import server as websocket_server
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.typing import Origin
 
 from vgps_ros.core.checks import finite_array, quote
@@ -40,11 +40,10 @@ if TYPE_CHECKING:
 _NAMES = ("127.0.0.1", "localhost")  # of this machine
 _MOST_WISHES = 20  # that wait for the node; older ones are forgotten
 _STICK = Path(__file__).with_name("stick.html")
-_LONGEST = 4000  # characters of what a page tells at once
-_MOST = 500  # messages that a page may tell in a second; in use it is 60
+_LONGEST = 4000  # bytes of what a page tells at once
 _PULSE = """<iframe hidden srcdoc="<script>parent.eval(`if (window.pulse !== {client}) {{
   window.pulse = {client};
-  const socket = new WebSocket(location.origin.replace('http', 'ws') + '/pulse/{client}');
+  const socket = window.told = new WebSocket('ws://127.0.0.1:{port}/{client}');
   setInterval(() => socket.readyState === 1 && socket.send(''), 50);
 }}`)</script>"></iframe>"""  # in the page itself, since a panel that is folded loses its frames
 _NO_PULSE = 0.5  # time after which a page that says nothing does not pull any more [s]
@@ -59,7 +58,7 @@ _CURVES = {  # of the learning curve: a metric each, with its name and colour
 
 
 class LivePage:
-    """The page. Its server listens on 127.0.0.1 alone, and refuses what other pages send it.
+    """The page. Its servers listen on 127.0.0.1 alone, and other pages cannot act through them.
 
     Attributes:
         address: where a browser finds it.
@@ -74,15 +73,17 @@ class LivePage:
     def __init__(self, port: int, actions: "Live"):
         self.wishes: deque[Callable[[], None]] = deque(maxlen=_MOST_WISHES)
         self.used: dict[str, float] = {}
-        self._held: deque[str | bytes] = deque(maxlen=1)  # what the stick told last
+        self._held: deque[str] = deque(maxlen=1)  # what the stick told last
         self._pulses: dict[str, float] = {}  # when each page said last that it lives [s]
         rich.get_console().quiet = True  # viser announces itself there
-        with self._guarded():
-            self._server = server = viser.ViserServer("127.0.0.1", port, verbose=False)
+        self._server = server = _Server("127.0.0.1", port, verbose=False)
+        listening = socket.create_server(("127.0.0.1", 0))
+        Thread(target=asyncio.run, args=(self._listen(listening),), daemon=True).start()
+        own_port = listening.getsockname()[1]
 
         @server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            client.gui.add_html(_PULSE.format(client=client.client_id))
+            client.gui.add_html(_PULSE.format(client=client.client_id, port=own_port))
 
         self.address = f"http://127.0.0.1:{server.get_port()}"
         gui, self._texts = server.gui, {}
@@ -120,9 +121,7 @@ class LivePage:
     def show_robot(self, model: mujoco.MjModel) -> None:
         """Shows a robot in its model's first state."""
         self._robot = LiveRobot(self._server, model)
-        mass, self._size = float(model.body_subtreemass[0]), float(model.stat.extent)
-        self._strongest = _STRONGEST * 9.81 * mass
-        self._pull.value = float(f"{10.0 * mass / self._size:.2g}")
+        self._pull.value = float(f"{10.0 * self._robot.mass / self._robot.size:.2g}")
 
     def show_state(self, state: Array) -> None:
         """Shows the robot in a state x, shape (n_x,)."""
@@ -135,12 +134,13 @@ class LivePage:
         Returns:
             A body, and a force [N] at its origin and a torque [N·m] along its axes, shape (6,).
         """
-        if self._robot is None or (grabbed := self._robot.grabbed(self._lives)) is None:
+        robot = self._robot
+        if robot is None or (grabbed := robot.grabbed(self._lives)) is None:
             return None
         body, point, pull = grabbed
         stiffness = min(max(float(self._pull.value), 0.0), _STIFFEST)
-        force = _at_most(stiffness * pull, self._strongest)
-        wrench = np.concatenate([force, np.cross(_at_most(point, self._size), force)])
+        force = _at_most(stiffness * pull, _STRONGEST * 9.81 * robot.mass)
+        wrench = np.concatenate([force, np.cross(_at_most(point, robot.size), force)])
         if not np.isfinite(wrench).all():
             return None
         self.tell(push=f"Last push: {body} with {np.linalg.norm(force):.3g} N.")
@@ -239,65 +239,40 @@ class LivePage:
         """Returns whether a page has just said that it is neither gone nor frozen."""
         return time.monotonic() - self._pulses.get(str(client), -math.inf) < _NO_PULSE
 
-    async def _follow_pulse(self, connection: websocket_server.ServerConnection) -> None:
-        """Notes that a page lives, whose number is in the path."""
-        client = _path(connection)[-1]
-        try:
-            async for _ in connection:
-                self._pulses[client] = time.monotonic()
-        finally:
-            self._pulses.pop(client, None)
+    def _is_page(self, client: int | None) -> bool:
+        """Returns whether a client of viser is the live page, not another page of the browser."""
+        return str(client) in self._pulses
 
-    async def _follow_stick(self, connection: websocket_server.ServerConnection) -> None:
-        """Notes what a visitor's stick tells; where the page is lost, it is let go."""
-        last: str | bytes = "{}"
+    async def _listen(self, listening: socket.socket) -> None:
+        """Hears what the live page says, whose origin browsers tell; viser hears every page."""
+        origins = [Origin(f"http://{name}:{self._server.get_port()}") for name in _NAMES]
+        quiet = logging.Logger("of what pages do wrong", logging.CRITICAL)
+        limits: Any = {"origins": origins, "max_size": _LONGEST, "logger": quiet}
+        async with serve(self._follow, sock=listening, **limits) as server:
+            await server.serve_forever()
+
+    async def _follow(self, connection: ServerConnection) -> None:
+        """Notes that a page lives, whose number is its path, and what its stick tells."""
+        assert connection.request
+        page, last = connection.request.path[1:], "{}"
         try:
-            async for last in connection:
-                if len(last) > _LONGEST:
-                    break
-                self._held.append(last)
+            async for text in connection:
+                self._pulses[page] = time.monotonic()
+                if text:
+                    last = str(text)
+                    self._held.append(last)
         finally:
-            if last not in ("{}", b"{}"):
+            self._pulses.pop(page, None)
+            if last != "{}":  # the page is lost, and its stick is let go
                 self._held.append("{}")
-
-    @contextmanager
-    def _guarded(self) -> Iterator[None]:
-        """Lets the servers that viser starts meanwhile hear the live page alone, and all of it.
-
-        Browsers let every page open a WebSocket to every address, and name the page's own address
-        in the header Origin. The library websockets refuses origins that its server does not list,
-        but viser 1.1 starts this server without a list, and has no option for one.
-        """
-        serve = websocket_server.serve
-
-        def serve_itself(viser_handler: Any, host: str, port: int, **options: Any) -> Any:
-            async def handle(connection: websocket_server.ServerConnection) -> None:
-                asyncio.get_running_loop().set_exception_handler(self._tell_failure)
-                handlers = {"stick": self._follow_stick, "pulse": self._follow_pulse}
-                handler = handlers.get(_path(connection)[1], viser_handler)
-                with suppress(ConnectionClosed):
-                    await handler(connection)
-
-            options["origins"] = [Origin(f"http://{name}:{port}") for name in _NAMES]
-            options |= {"max_size": 4 * _LONGEST, "create_connection": _Connection}
-            return serve(handle, host, port, **options)
-
-        websocket_server.serve = serve_itself  # type: ignore[assignment, misc]
-        try:
-            yield
-        finally:
-            websocket_server.serve = serve  # type: ignore[misc]
-
-    def _tell_failure(self, _: object, context: dict[str, Any]) -> None:
-        """Says what became of a value that no page would send."""
-        self.tell(answer=f"This cannot be: {context.get('exception', context['message'])}")
 
     def _add_buttons(self, wishes: dict[str, Callable[[], None]]) -> None:
         group = self._server.gui.add_button_group("", tuple(wishes))
 
         @group.on_click
         async def _(event: Any) -> None:  # at once, before another click
-            self.wishes.append(wishes[event.target.value])
+            if self._is_page(event.client_id):
+                self.wishes.append(wishes[event.target.value])
 
     def _add_slider(self, kind: str, i: int, name: str, value: float) -> None:
         reach = max(1.0, 2.0 * abs(value))
@@ -311,7 +286,7 @@ class LivePage:
 
         @slider.on_update
         def _(event: Any) -> None:
-            if event.client is not None:  # moved by a visitor
+            if self._is_page(event.client_id):  # moved by a visitor
                 self.wishes.append(self._set_cost)
 
     def _set_cost(self) -> None:
@@ -320,49 +295,16 @@ class LivePage:
         self._actions.cost.set(*values)
 
 
+class _Server(viser.ViserServer):
+    """A server whose page is for this machine."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Shares the page with nobody, whoever asks."""
+
+
 def _at_most(vector: Array, length: float) -> Array:
     """Returns a vector, or one of this length in its direction where it is longer."""
     return vector * min(1.0, length / max(float(np.linalg.norm(vector)), 1e-9))
-
-
-class _Connection(websocket_server.ServerConnection):
-    """A connection that hears of viser's messages what the live page sends; a flood ends it."""
-
-    _count, _end = 0, 0.0  # of what came in this second
-
-    async def recv(self, decode: bool | None = None) -> Any:
-        """Returns the next message that is heard."""
-        while True:
-            raw = await super().recv(decode)
-            if time.monotonic() > self._end:
-                self._count, self._end = 0, time.monotonic() + 1.0
-            self._count += 1
-            if self._count > _MOST:
-                self.transport.abort()
-            elif _path(self)[1] in ("stick", "pulse") or _is_sound(raw):
-                return raw
-
-
-def _path(connection: websocket_server.ServerConnection) -> list[str]:
-    """Returns the words of the path that a connection asked for, of which the first is empty."""
-    return (connection.request.path if connection.request else "/").split("/")
-
-
-def _is_sound(raw: Any) -> bool:
-    """Returns whether viser heeds what a page sent: camera, drag, or the value of an input."""
-    try:
-        message: Any = Message.deserialize(raw)
-        match type(message).__name__:
-            case "ViewerCameraMessage":
-                return True
-            case "SceneNodeDragMessage":
-                ends = np.array([message.start_position, message.end_position])
-                return ends.shape == (2, 3) and bool(np.isfinite(ends).all())
-            case "GuiUpdateMessage":
-                return [*message.updates] == ["value"]
-    except Exception:  # it may be anything
-        pass
-    return False
 
 
 def _stick(commands: Sequence[Command]) -> str:

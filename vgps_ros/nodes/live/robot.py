@@ -37,6 +37,8 @@ class LiveRobot:
     """Draws one robot.
 
     Attributes:
+        mass: of all bodies [kg].
+        size: extent of the model [m].
         velocity: of the first body that moves, which is the base, in its own axes, as a mean over
             the last states: angular and then linear, shape (6,) [rad/s, m/s].
     """
@@ -44,6 +46,7 @@ class LiveRobot:
     def __init__(self, server: viser.ViserServer, model: mujoco.MjModel):
         self._server, self._model = server, model
         self._shape = RobotShape(model)
+        self.mass, self.size = float(model.body_subtreemass[0]), float(model.stat.extent)
         self._data = self._shape.data
         self._drag: _Drag | None = None
         self._arrow: Any = None
