@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.connection import wait
+from multiprocessing.connection import Connection, wait
 from types import TracebackType
 
 from vgps_ros.core.cores import count_cores
@@ -36,7 +36,8 @@ class SolverProcesses:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload([_PRELOADED])
         self.count = count or count_cores()
-        self._pool = ProcessPoolExecutor(self.count, context, _begin, (make_task,))
+        end, self._end = context.Pipe(duplex=False)  # processes end once nobody holds its other end
+        self._pool = ProcessPoolExecutor(self.count, context, _begin, (make_task, end))
 
     def __enter__(self) -> "SolverProcesses":
         return self
@@ -45,8 +46,7 @@ class SolverProcesses:
         self, kind: type[BaseException] | None, value: object, trace: TracebackType | None
     ) -> None:
         if kind is not None:  # cancel running solves
-            for process in list(self._pool._processes.values()):
-                process.terminate()
+            self._end.close()
         self._pool.shutdown(cancel_futures=True)
 
     def optimize_all(
@@ -78,19 +78,17 @@ class SolverProcesses:
 _task: Task | None = None  # of this process
 
 
-def _begin(make_task: Callable[[], Task]) -> None:
-    """Prepares a process, which ends when the one that has started it does."""
+def _begin(make_task: Callable[[], Task], end: Connection) -> None:
+    """Prepares a process, which ends when the one that has started it does, or wants it."""
     global _task  # noqa: PLW0603
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process ends this one
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_at, args=(end,), daemon=True).start()
     use_one_thread()
     _task = make_task()
 
 
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    wait([parent.sentinel])
+def _exit_at(end: Connection) -> None:
+    wait([end])
     os._exit(1)
 
 
