@@ -2,6 +2,7 @@
 """The lifecycle of `policy_executor`: what each transition does, in any order, and what moves."""
 
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -242,6 +243,28 @@ def test_it_stands_up_before_the_policy_drives_holds_and_sits_down(
     robot.stop(False)
     assert does("drive").message == "Nothing moves: activate the node again first."
     assert not robot.torques().any()
+
+
+def test_a_cleanup_stops_listening_and_each_configure_reads_the_task_file_anew(graph, told):
+    node, file = graph.start("policy_executor", task=told, autostart=False), Path(told)
+    graph.spin_until_output(node, "Waiting to be configured")
+    text = file.read_text()
+
+    def listens(count):
+        heard = graph.node.count_subscribers
+        return all(heard(topic) == count for topic in ("joint_states", "policy"))
+
+    for _ in range(2):
+        assert graph.change(CONFIGURE)
+        graph.spin_until(lambda: listens(1), what="one subscription of each topic")
+        assert graph.change(CLEANUP)
+        graph.spin_until(lambda: listens(0), what="no subscription")
+    file.write_text(text.replace("lift", "rise"))
+    for _ in range(2):
+        assert not graph.change(CONFIGURE)
+        graph.diagnosis("policy_executor", ERROR, "start the node again")
+    file.write_text(text)
+    assert graph.change(CONFIGURE)
 
 
 def test_with_autostart_it_starts_once_and_never_by_itself_again(

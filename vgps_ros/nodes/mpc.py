@@ -25,6 +25,7 @@ from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, declare_settings, value
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
+from vgps_ros.ros_runtime.training_results import TrainingResults
 from vgps_ros.search.mpc import (
     LARGEST_ADJUSTMENT,
     MpcSettings,
@@ -54,8 +55,6 @@ class Mpc(Controller):
 
     def __init__(self) -> None:
         super().__init__("mpc", needs_policy=False)
-        self._since, self._count = time.monotonic(), 0  # of plans
-        self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
 
     def prepare_law(self) -> None:
         """Declares the parameters of the plans, and makes the first one before any peer waits."""
@@ -66,16 +65,18 @@ class Mpc(Controller):
         planner = Planner(task, settings)
         self._steps = planner.steps
         declare_cost(self, task.cost, partial(setattr, planner, "cost"))
+        self._since, self._count = time.monotonic(), 0  # of plans
+        self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
         self._horizon = PlanFollower(planner, every, seed, self._take_plan)
 
-    def law(self, state: Array, stamp: int, context: Array) -> Array:
+    def law(self, training: TrainingResults, state: Array, stamp: int) -> Array:
         """Returns the newest plan's controls; a plan holds the commands.
 
         Raises:
             InvalidInputError: the newest plan is too old.
         """
         step = round(stamp * 1e-9 / self.robot.time_step)
-        executed = self.training.policy
+        executed = training.policy
         policy = executed.policy if executed else None
         assert policy is None or isinstance(policy, GaussianPolicy)  # others are refused
         ahead = self.instructions.ahead(self._steps)

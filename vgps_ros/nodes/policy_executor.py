@@ -10,6 +10,7 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.ros_runtime.controller import Controller
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
+from vgps_ros.ros_runtime.training_results import TrainingResults
 
 STOCHASTIC = Setting("stochastic", False, "whether to add the policy's noise to its mean")
 
@@ -25,12 +26,12 @@ class PolicyExecutor(Controller):
         for setting in (SEED, STOCHASTIC):
             declare(self, setting, may_change=True)
 
-    def law(self, state: Array, stamp: int, context: Array) -> Array:
+    def law(self, training: TrainingResults, state: Array, stamp: int) -> Array:
         """Returns the policy's controls, with its noise where asked."""
-        policy = self.training.policy
+        policy = training.policy
         assert policy is not None  # no state comes here before
         seed = value(self, SEED) if value(self, STOCHASTIC) else None
-        inputs = self.training.observation.within(context)(state)
+        inputs = training.observation.within(self.instructions.context)(state)
         return policy.control(inputs, stamp, seed)
 
 

@@ -14,7 +14,6 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_to_msg, pack, stamp_of
-from vgps_ros.messages.names import COMMANDS_SENT
 from vgps_ros.robot.controls import INTERFACES, Controls
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
@@ -47,51 +46,54 @@ class CommandSender:
     Args:
         node: the controller.
         names: of the joints that the controls drive.
+        is_silent: whether nothing is ever sent.
 
     Attributes:
         topics: of the commands.
         kind: their type.
+        sent: how many were sent.
     """
 
-    def __init__(self, node: Node, names: Sequence[str]):
-        self._node, self._sent = node, 0
+    def __init__(self, node: Node, names: Sequence[str], *, is_silent: bool):
+        self._node, self.sent = node, 0
         self._is_plain = declare(node, COMMAND_TYPE) == "float64_multi_array"
         self.kind: Any = Float64MultiArray if self._is_plain else JointState
         self.topics = ["commands" if self._is_plain else "joint_command"]
         if "," in declare(node, COMMAND_INTERFACES) and self._is_plain:
             self.topics = [f"{name}/commands" for name in names]
+        opened, qos = [] if is_silent else self.topics, lively(STATES)
+        self._publishers = [node.create_publisher(self.kind, topic, qos) for topic in opened]
 
-    def open(self, health: Health) -> None:
-        """Makes the publishers; the number of commands is on /diagnostics, for a check of bags."""
-        make, qos = self._node.create_publisher, lively(STATES)
-        self._publishers = [make(self.kind, topic, qos) for topic in self.topics]
-        self._health = health
-        health.set_value(COMMANDS_SENT, self._sent)
-
-    def configure(self, controls: Controls) -> None:
-        """Sets what the controls are.
+    def interfaces(self, controls: Controls) -> list[str]:
+        """Returns the interfaces that a command has for each joint; by default the controls' kinds.
 
         Raises:
-            InvalidInputError: the parameter command_interfaces does not suit them.
+            InvalidInputError: the parameter command_interfaces does not suit the controls.
         """
-        self._controls = controls
-        self._interfaces = command_interfaces(value(self._node, COMMAND_INTERFACES), controls)
-        if self._is_plain and self.topics == ["commands"] and len(self._interfaces) > 1:
+        names = value(self._node, COMMAND_INTERFACES)
+        found = [name.strip() for name in names.split(",") if name.strip()] or [*controls.fields]
+        for name in found:
+            one_of("command_interfaces", name, INTERFACES)
+        if missing := [name for name in controls.fields if name not in found]:
+            raise InvalidInputError(
+                f"command_interfaces is {quote(names)}, but the controls are {controls.label()}; "
+                f"name {missing[0]}, too."
+            )
+        if self._is_plain and self.topics == ["commands"] and len(found) > 1:
             raise InvalidInputError(
                 f"one array on commands cannot hold controls that are {controls.label()}; set "
-                f"command_interfaces to '{','.join(self._interfaces)}', which go to JOINT/commands."
+                f"command_interfaces to '{','.join(found)}', which go to JOINT/commands."
             )
+        return found
 
-    def send(self, command: Answer) -> None:
-        """Publishes a command."""
-        self._sent += 1
-        self._health.set_value(COMMANDS_SENT, self._sent)
-        controls = self._controls
+    def send(self, command: Answer, controls: Controls, interfaces: Sequence[str]) -> None:
+        """Publishes a command for these interfaces of these controls."""
+        self.sent += 1
         messages = [command_to_msg(command.control, controls, stamp_of(command.stamp))]
         if self._is_plain:
-            rows = controls.by_interface(command.control, self._interfaces)
+            rows = controls.by_interface(command.control, interfaces)
             is_per_joint = len(self._publishers) > 1
-            label = ",".join(self._interfaces)
+            label = ",".join(interfaces)
             messages = [_array(values, label) for values in (rows.T if is_per_joint else rows)]
         for publisher, message in zip(self._publishers, messages, strict=True):
             publisher.publish(message)
@@ -101,23 +103,6 @@ def _array(values: Array, label: str) -> Float64MultiArray:
     """Returns numbers with a label that says which interfaces they are for."""
     dimension = MultiArrayDimension(label=label, size=len(values), stride=len(values))
     return Float64MultiArray(layout=MultiArrayLayout(dim=[dimension]), data=pack(values))
-
-
-def command_interfaces(names: str, controls: Controls) -> list[str]:
-    """Returns the names in a list that is separated by commas; of an empty one, the kinds'.
-
-    Raises:
-        InvalidInputError: a name is unknown, or what the controls are is not among them.
-    """
-    found = [name.strip() for name in names.split(",") if name.strip()] or list(controls.fields)
-    for name in found:
-        one_of("command_interfaces", name, INTERFACES)
-    if missing := [name for name in controls.fields if name not in found]:
-        raise InvalidInputError(
-            f"command_interfaces is {quote(names)}, but the controls are {controls.label()}; name "
-            f"{missing[0]}, too."
-        )
-    return found
 
 
 class AnswerTimes:

@@ -32,8 +32,9 @@ from vgps_ros.messages.conversions import (
     stamp_of,
 )
 from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
+from vgps_ros.policies.deployment import Deployment
 from vgps_ros.robot.signals import SOURCE, Command, Signals
-from vgps_ros.robot.unrest import Waking
+from vgps_ros.robot.unrest import Unrest, Waking
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_fact, value
 from vgps_ros.ros_runtime.qos import COMMANDED, STATES
@@ -83,45 +84,51 @@ class Instructions:
     """Takes commands, and gives each state its context; a wrong message changes nothing.
 
     Args:
-        node: the controller.
-        signals: the commands and the clock of its task.
+        node: the controller, which has declared the parameters of its commands.
+        health: its diagnostics.
+        robot: what is known of its task.
         base_frame: the frame in which cmd_vel must be.
-        waking: says when a clock that stops turns again; None: it always turns.
 
     Attributes:
         commands: those in the newest state, shape (n_c,).
         phase: the clock's φ there, in turns.
+        context: both of them, as policies read them, shape (n_z,).
     """
 
-    def __init__(self, node: Node, signals: Signals, base_frame: str, waking: Waking | None = None):
-        self.commands, self.phase = signals.rest, 0.0
-        self._node, self._signals, self._waking = node, signals, waking
+    def __init__(self, node: Node, health: Health, robot: Deployment, base_frame: str):
+        self._node, self._health, self._signals = node, health, (signals := robot.signals)
+        self.commands, self.phase, self.context = signals.rest, 0.0, signals.rest
+        unrest = Unrest.of(signals, robot.layout, robot.initial_state)
+        self._waking = Waking(unrest, robot.time_step) if unrest else None
         self._now = signals  # with a clock that turns while the robot has to step
         self._names = [command.name for command in signals.commands]
         self._given = signals.rest.copy()
         self._received = np.full(len(self._names), np.iinfo(np.int64).min // 2)  # [ns]
-        if signals.names:
-            self._contexts = node.create_publisher(SignalsMsg, CONTEXT, STATES)
+        make = node.create_publisher
+        self._contexts = make(SignalsMsg, CONTEXT, STATES) if signals.names else None
         if self._names:
+            self._subscribe(SignalsMsg, COMMAND, signals_from_msg)
+        if any(command.source for command in signals.commands):
+            kind = TwistStamped if value(node, STAMPED_CMD_VEL) else Twist
+            read = partial(commands_from_twist, commands=signals.commands, base_frame=base_frame)
+            self._subscribe(kind, CMD_VEL, read)
+
+    @staticmethod
+    def declare(node: Node, signals: Signals) -> None:
+        """Declares the parameters of commands, where there are any."""
+        if signals.commands:
             declare(node, COMMAND_TIMEOUT, may_change=True)
             for fact, field in FACTS.items():
                 found = tuple(getattr(command, field) for command in signals.commands)
                 declare_fact(node, Setting(fact, found, "of the task's commands"))
-            self._subscribe(SignalsMsg, COMMAND, signals_from_msg)
         if any(command.source for command in signals.commands):
-            kind = TwistStamped if declare(node, STAMPED_CMD_VEL) else Twist
-            read = partial(commands_from_twist, commands=signals.commands, base_frame=base_frame)
-            self._subscribe(kind, CMD_VEL, read)
-
-    def report_to(self, health: Health) -> None:
-        """Sets the diagnostics on which commands stand, before any message comes."""
-        self._health = health
+            declare(node, STAMPED_CMD_VEL)
 
     def at(self, stamp: int, state: Array) -> Array:
-        """Returns the context in a state (n_x,) of a stamp [ns], shape (n_z,)."""
+        """Returns the context in a state (n_x,) of a stamp [ns], and publishes it."""
+        if self._contexts is None:
+            return self.context
         signals = self._signals
-        if not signals.names:
-            return signals.rest
         age = (self._node.get_clock().now().nanoseconds - self._received) * 1e-9
         is_fresh = (age >= 0.0) & (age <= self._timeout)
         self.commands = np.where(is_fresh, self._given, signals.rest)
@@ -131,7 +138,9 @@ class Instructions:
         for command, number in zip(signals.commands, self.commands.tolist(), strict=True):
             said = f"{number:.3g} {command.unit}".rstrip()
             self._health.set_value(f"{COMMAND} {command.name}", said)
-        return self._now.context(self.commands, np.array(self.phase))
+        self.context = self._now.context(self.commands, np.array(self.phase))
+        self._contexts.publish(signals_to_msg(self.context, signals.names, stamp_of(stamp)))
+        return self.context
 
     def ahead(self, steps: int) -> Array:
         """Returns the context of the newest state and of those after it, (steps, n_z).
@@ -139,11 +148,6 @@ class Instructions:
         The commands are held.
         """
         return self._now.held(self.commands, steps, self.phase)
-
-    def publish(self, context: Array, stamp: int) -> None:
-        """Publishes the context that the answer to a state used."""
-        if self._signals.names:
-            self._contexts.publish(signals_to_msg(context, self._signals.names, stamp_of(stamp)))
 
     @property
     def _timeout(self) -> float:

@@ -13,7 +13,9 @@ Where its law must not drive, the safe action does; `safety.supervisor` decides.
 
 import time
 from abc import abstractmethod
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from typing import Any
@@ -22,6 +24,7 @@ from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
@@ -29,14 +32,12 @@ from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.observation import NO_CONTEXT
+from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
-from vgps_ros.messages.conversions import (
-    gains_to_msg,
-    nanoseconds,
-)
+from vgps_ros.core.settings import Setting, setting
+from vgps_ros.messages.conversions import gains_to_msg, nanoseconds
 from vgps_ros.messages.names import (
+    COMMANDS_SENT,
     EMERGENCY_STOP,
     GAINS,
     IS_ACTIVE,
@@ -52,21 +53,14 @@ from vgps_ros.messages.robot_state import (
 )
 from vgps_ros.policies.deployment import Deployment
 from vgps_ros.robot.controls import CONTROL_BOUND
-from vgps_ros.robot.unrest import Unrest, Waking
 from vgps_ros.ros_runtime.command_sender import AnswerTimes, CommandSender
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
-from vgps_ros.ros_runtime.qos import (
-    COMMANDED,
-    LATEST,
-    NEWEST,
-    NEWEST_OF_SENSORS,
-    PARTS_OF_SENSORS,
-)
+from vgps_ros.ros_runtime.qos import COMMANDED, LATEST, NEWEST, NEWEST_OF_SENSORS, PARTS_OF_SENSORS
 from vgps_ros.ros_runtime.runner import end_with
 from vgps_ros.ros_runtime.services import steady_timer
-from vgps_ros.ros_runtime.shadow import Look
+from vgps_ros.ros_runtime.shadow import SHADOW, Look
 from vgps_ros.ros_runtime.training_results import DISTRIBUTION_FILE, POLICY_FILE, TrainingResults
 from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.safety.settings import SafetySettings
@@ -96,49 +90,6 @@ STATE_QOS = Setting(
     "control period one is answered in each",
     choices=("reliable", "sensor_data"),
 )
-
-SENSOR_TOLERANCE = Setting(
-    "sensor_tolerance",
-    0.05,
-    "with state_qos sensor_data: largest difference between the stamp of joint_states and the "
-    "newest imu, odom or else of the same state; a period of the slowest sensor, and its latency "
-    "[s]",
-    minimum=0.0,
-    maximum=10.0,
-)
-VELOCITY_FILTER = Setting(
-    "velocity_filter",
-    0.0,
-    "where joint_states have no velocities, those are differences of positions, through a low-pass "
-    "filter of this time constant; with state_qos sensor_data a control period by default; 0: "
-    "such states are refused [s]",
-    minimum=0.0,
-    maximum=10.0,
-)
-BASE_FROM = Setting(
-    "base_from",
-    "auto",
-    "what tells of a free base: imu (sensor_msgs/Imu), how it is turned and turns, for a policy "
-    "that reads no more of it; odom (nav_msgs/Odometry), all; auto: imu where it is enough",
-    choices=("auto", "imu", "odom"),
-)
-BASE_FRAME = Setting(
-    "base_frame",
-    "",
-    "name of the base's frame in odom, imu and cmd_vel, such as base_link; empty: the model's name "
-    "of it",
-)
-IMU_FRAME = Setting(
-    "imu_frame",
-    "",
-    "the model's site or body at which the IMU sits; empty: the one that the messages on imu name",
-)
-SHADOW = Setting(
-    "shadow",
-    False,
-    "whether to command nothing and to say what is wrong with a robot that runs: its sensors, its "
-    "joints' order, and the policy's answers beside what drives it now",
-)
 _PERIOD = 1.0  # over which figures are taken [s]
 _RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
 _OF_REAL_ROBOTS: dict[str, Any] = {
@@ -147,71 +98,99 @@ _OF_REAL_ROBOTS: dict[str, Any] = {
     "joint_margin": 0.5,
     "joint_speed_limit": 100.0,
 }
-_LOADED = {"robot", "training", "_supervisor", "_states", "_collector", "_sensors", "_times"}
-_LOADED |= {"_clock_jumps"}
+
+
+@dataclass(frozen=True)
+class _SensorSettings:
+    """How a robot's sensors are joined."""
+
+    base_frame: str = setting(
+        "",
+        "name of the base's frame in odom, imu and cmd_vel, such as base_link; empty: the model's "
+        "name of it",
+    )
+    imu_frame: str = setting(
+        "",
+        "the model's site or body at which the IMU sits; empty: the one that the messages on imu "
+        "name",
+    )
+    sensor_tolerance: float = setting(
+        0.05,
+        "with state_qos sensor_data: largest difference between the stamp of joint_states and the "
+        "newest imu, odom or else of the same state; a period of the slowest sensor, and its "
+        "latency [s]",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    velocity_filter: float = setting(
+        0.0,
+        "where joint_states have no velocities, those are differences of positions, through a "
+        "low-pass filter of this time constant; with state_qos sensor_data a control period by "
+        "default; 0: such states are refused [s]",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    base_from: str = setting(
+        "auto",
+        "what tells of a free base: imu (sensor_msgs/Imu), how it is turned and turns, for a "
+        "policy that reads no more of it; odom (nav_msgs/Odometry), all; auto: imu where it is "
+        "enough",
+        choices=("auto", "imu", "odom"),
+    )
 
 
 class Controller(LifecycleNode):
     """Answers each state with a command, while it is active.
 
-    With `needs_policy` no state is answered before there is a policy.
-
     Attributes:
         robot: what it has to know of the task.
+        needs_policy: whether no state is answered before there is a policy.
+        sender: sends its commands.
+        is_real: whether its robot is no simulation.
+        is_shadow: whether it looks only, and sends nothing.
+        sensors: how its sensors are joined.
+        safety: when its law may drive.
+        poses: how the robot gets to its poses.
         health: the node's diagnostics.
         instructions: what it is told as it runs, commands and a clock.
-        training: the policy and the trajectory distributions of a training.
     """
 
     def __init__(self, name: str, *, needs_policy: bool):
         super().__init__(name)
-        self.robot = _robot(declare(self, DEPLOYED_TASK))
-        self._needs_policy = needs_policy
-        self._sender = CommandSender(self, self.robot.controls.names)
-        self._is_real = declare(self, STATE_QOS) == "sensor_data"
-        self._is_shadow = declare(self, SHADOW)
-        self._frames = {s.name: declare(self, s) for s in (BASE_FRAME, IMU_FRAME)}
-        smoothing = self.robot.time_step if self._is_real else 0.0
-        filtered = replace(VELOCITY_FILTER, default=smoothing)
-        for setting in (SENSOR_TOLERANCE, filtered, BASE_FROM):
-            declare(self, setting)
+        self.robot = robot = _robot(declare(self, DEPLOYED_TASK))
+        self.needs_policy = needs_policy
+        self.is_real = is_real = declare(self, STATE_QOS) == "sensor_data"
+        self.is_shadow = declare(self, SHADOW)
+        self.sender = CommandSender(self, robot.controls.names, is_silent=self.is_shadow)
+        smoothing = robot.time_step if is_real else 0.0
+        self.sensors = declare_settings(self, _SensorSettings(velocity_filter=smoothing))
         self.prepare_law()
-        for setting in (POLICY_FILE, DISTRIBUTION_FILE):
-            declare(self, setting, may_change=True)
+        declare(self, POLICY_FILE, may_change=True)
+        declare(self, DISTRIBUTION_FILE, may_change=True)
         declare(self, SETTLE_DURATION)
         when_alone = self._start if declare(self, AUTOSTART) else self._tell_how_to_start
-        limits = tuple(self.robot.controls.largest.tolist())
+        limits = tuple(robot.controls.largest.tolist())
         rate = max(limits) / _RISE if max(limits) < CONTROL_BOUND else 0.0
-        usual = {**_OF_REAL_ROBOTS, "torque_rate_limit": rate} if self._is_real else {}
-        settings = SafetySettings(torque_limits=limits, **usual)
-        self._settings = declare_settings(self, settings)
-        if self._is_shadow:  # which judges each state anew
-            self._settings = replace(self._settings, recovery="automatic")
-        self._poses = declare_settings(self, PoseSettings())
-        base_frame = StateMessages(self.robot.layout, **self._frames).base_frame
-        robot = self.robot
-        unrest = Unrest.of(robot.signals, robot.layout, robot.initial_state)
-        waking = Waking(unrest, robot.time_step) if unrest else None
-        self.instructions = Instructions(self, self.robot.signals, base_frame, waking)
-        self._told_of = self.robot.signals, self.robot.controls.names
-        owns = [] if self._is_shadow else self._sender.topics
+        usual = {**_OF_REAL_ROBOTS, "torque_rate_limit": rate} if is_real else {}
+        self.safety = declare_settings(self, SafetySettings(torque_limits=limits, **usual))
+        if self.is_shadow:  # which judges each state anew
+            self.safety = replace(self.safety, recovery="automatic")
+        self.poses = declare_settings(self, PoseSettings())
+        Instructions.declare(self, robot.signals)
+        owns = [] if self.is_shadow else self.sender.topics
         self.health = Health(self, owns=owns, when_alone=when_alone)
-        self.instructions.report_to(self.health)
-        self._until: float | None = None  # when a deactivation ends, by the steady clock [s]
-        self._set_active(False)
-        if not self._is_shadow:
-            self._sender.open(self.health)
-        self._watchdog = steady_timer(self, self.robot.time_step, self._watch)
-        self._watchdog.cancel()  # until there is a first answer
-        self._emergency = ""  # why nothing may move
+        base_frame = self.sensors.base_frame or robot.layout.base_frame
+        self.instructions = Instructions(self, self.health, robot, base_frame)
+        for key in (IS_ACTIVE, SAFE_ACTION):
+            self.health.set_value(key, False)
+        if not self.is_shadow:
+            self.health.set_value(COMMANDS_SENT, self.sender.sent)
+        self._session: _Session | None = None  # while it is configured
+        self._closing = ExitStack()  # what the session's end does
+        self._is_first = True  # whether no session was before, after which files may be others
         self._is_starting = False  # True while it configures itself, and ends where it cannot
-        self._since = 0.0  # when it was activated [s]
-        stop = self._take_emergency_stop
-        for qos in (LATEST, COMMANDED):  # whatever its sender guarantees
-            self.create_subscription(Bool, EMERGENCY_STOP, stop, qos)
-        self.create_service(SetBool, f"~/{EMERGENCY_STOP}", self._answer_emergency_stop)
-        self._pose: PoseMotion | None = None  # what the robot does in place of the law
-        self._has_law = True  # whether the law drives once the pose is reached
+        self._refusal = "The node could not be configured."
+        self._stop = _EmergencyStop(self, self._freeze)
         for name in ("drive", "stand", "hold", "sit"):
             self.create_service(Trigger, f"~/{name}", partial(self._answer_pose, name))
 
@@ -220,13 +199,13 @@ class Controller(LifecycleNode):
         """Declares the parameters that only this controller has, and prepares its law."""
 
     @abstractmethod
-    def law(self, state: Array, stamp: int, context: Array) -> Array:
-        """Returns the control in a usable state, shape (n_u,).
+    def law(self, training: TrainingResults, state: Array, stamp: int) -> Array:
+        """Returns the control in a usable state, shape (n_u,), whose context `instructions` has.
 
         Args:
+            training: the policy, and what it reads.
             state: x, shape (n_x,).
             stamp: its stamp [ns].
-            context: the commands and the clock in it, shape (n_z,).
 
         Raises:
             InvalidInputError: the law must not drive now; the safe action does.
@@ -243,149 +222,66 @@ class Controller(LifecycleNode):
         self._is_starting = True
         if self.trigger_configure() != TransitionCallbackReturn.SUCCESS:
             end_with(VgpsError(self._refusal))
-        elif not self._emergency:
+        elif not self._stop.reason:
             self.trigger_activate()
         self._is_starting = False
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Loads the policy and the task, and listens to the robot's sensors."""
+        self._end_session()
+        kept = {*self.subscriptions, *self.publishers, *self.timers}
+        self._closing.callback(self._destroy_all_but, kept)
         try:
-            self._load()
+            if not self._is_first:
+                self._read_robot_again()
+            self._is_first = False
+            self._session = session = _Session(self)
         except VgpsError as error:
             self._refusal = str(error)
-            self._free()
+            self._end_session()
             if not self._is_starting:  # then it is the last that the node says
                 self.health.report("configuration", error=f"Not configured: {error}")
             return TransitionCallbackReturn.FAILURE
+        self._closing.callback(session.close)
         self.health.clear("configuration")
         return super().on_configure(state)
 
-    def _load(self) -> None:
-        self._kept = {*self.subscriptions, *self.publishers}
-        if "robot" not in vars(self):  # it was freed
-            self.robot = _robot(value(self, DEPLOYED_TASK))
-            if (self.robot.signals, self.robot.controls.names) != self._told_of:
-                raise InvalidInputError(
-                    f"The task {self.robot.name} has other commands, clock or controls than at the "
-                    "node's start, from which its parameters are: start the node again."
-                )
-        settings, poses, robot = self._settings, self._poses, self.robot
-        time_step = robot.time_step
-        self._times = AnswerTimes(self.health, time_step)
-        self._standing = robot.pose("stand_keyframe", poses.stand_keyframe)
-        self._sitting = robot.pose("sit_keyframe", poses.sit_keyframe)
-        # A policy that comes before activation is kept for it.
-        self.training = TrainingResults(
-            self,
-            robot,
-            self.health,
-            needs_policy=self._needs_policy,
-            needs_distribution=settings.needs_distribution,
-        )
-        self._controls = controls = self.training.controls
-        self._sender.configure(controls)
-        self._carrying = robot.standing(poses.stand_keyframe, controls)
-        self._supervisor = Supervisor(
-            settings,
-            controls,
-            time_step,
-            robot.limits.broken,
-            StateLimits(settings, robot.layout, robot.initial_state),
-            self._carrying,
-            self.training.marginals,
-        )
-        # Of a real robot no other node of this project tells it, and a bag needs it.
-        self.create_publisher(String, MJCF, LATEST).publish(String(data=robot.mjcf))
-        self._states = StateMessages(robot.layout, is_blind=self._is_blind(), **self._frames)
-        self._look: Look | None = None
-        if self._is_shadow:
-            given = robot, self._states, self._sender, self.training
-            self._look = Look(self, self.health, *given)
-        else:
-            gains = gains_to_msg(controls, self.get_clock().now().to_msg())
-            self.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
-        also = " (and odom, if they lack the base)" * (self._states.sources != self._states.needed)
-        source = "the robot's drivers" if self._is_real else "simulation"
-        self._awaited = f"{' and '.join(self._states.needed)}{also} from {source}"
-        self._collector = NewestMeasurements(
-            self._states,
-            value(self, SENSOR_TOLERANCE) if self._is_real else time_step / 2,
-            time_step,
-            value(self, VELOCITY_FILTER),
-            self._tell_differences,
-            is_simulated=not self._is_real,
-        )
-        self._sensors = {}
-        for name, sensor in self._states.sources.items():
-            has_many = name == JOINTS or self._is_shadow
-            real = PARTS_OF_SENSORS if has_many else NEWEST_OF_SENSORS
-            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, name))
-            take, qos = partial(self._take_measurement, name), real if self._is_real else NEWEST
-            made = self.create_subscription(sensor, name, take, qos, event_callbacks=events)
-            self._sensors[name] = made
-        # With use_sim_time; the state of the time 0, which says so too, may be lost.
-        self._clock_jumps = self.get_clock().create_jump_callback(
-            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
-            post_callback=lambda _: self._supervisor.forget_time(),
-        )
+    def _read_robot_again(self) -> None:
+        robot, before = _robot(value(self, DEPLOYED_TASK)), self.robot
+        if (robot.signals, robot.controls.names) != (before.signals, before.controls.names):
+            raise InvalidInputError(
+                f"The task {robot.name} has other commands, clock or controls than at the node's "
+                "start, from which its parameters are: start the node again."
+            )
+        self.robot = robot
 
-    def _tell_differences(self) -> None:
-        """Says that velocities of joints are none that a sensor measures."""
-        time = value(self, VELOCITY_FILTER)
-        words = f"differences of positions, filtered over {time:g} s (velocity_filter)"
-        self.health.set_value("joint velocities", words)
-        self.get_logger().warning(f"joint_states have no velocities: they are {words}.")
+    def _end_session(self) -> None:
+        self._closing.close()
+        self._session = None
 
-    def _tell_qos(self, topic: str, _: object) -> None:
-        """Reports who sends measurements that never arrive: only reliability can differ."""
-        topic = self.resolve_topic_name(topic)
-        names = [
-            f"{sender.node_namespace.rstrip('/')}/{sender.node_name}"
-            for sender in self.get_publishers_info_by_topic(topic)
-            if sender.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
-        ]
-        sentence = (
-            f"{' and '.join(names) or 'A node'} sends {topic} by best effort, but this node takes "
-            "it reliably only, so that nothing arrives; start it with state_qos:=sensor_data."
-        )
-        self.health.report("qos", error=sentence)
+    def _destroy_all_but(self, kept: set[Any]) -> None:
+        for kind in ("subscription", "publisher", "timer"):
+            for each in [each for each in getattr(self, f"{kind}s") if each not in kept]:
+                getattr(self, f"destroy_{kind}")(each)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Frees what was loaded."""
-        self._free()
+        self._end_session()
         return super().on_cleanup(state)
-
-    def _free(self) -> None:
-        self._finish()
-        for subscription in [each for each in self.subscriptions if each not in self._kept]:
-            self.destroy_subscription(subscription)
-        for publisher in [each for each in self.publishers if each not in self._kept]:
-            self.destroy_publisher(publisher)
-        if jumps := vars(self).get("_clock_jumps"):
-            jumps.unregister()
-        self.health.clear("qos")
-        for name in _LOADED & vars(self).keys():
-            delattr(self, name)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Starts the commands, unless there is an emergency stop."""
-        if self._emergency:
-            self.get_logger().error(f"Not activated: {self._emergency} Release it first.")
+        if self._stop.reason:
+            self.get_logger().error(f"Not activated: {self._stop.reason} Release it first.")
             return TransitionCallbackReturn.FAILURE
-        self._finish()
-        self._supervisor.begin()
-        self._set_active(True)
-        self._take_pose("drive")
-        if self._look:
-            self._look.begin()
-        self.training.wait()
-        self.health.wait_for(self._awaited)
-        self._since = time.monotonic()
+        assert self._session  # as the lifecycle has it
+        self._session.activate()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lets the safe action drive for a while, and then stops the commands."""
-        self._leave(value(self, SETTLE_DURATION))
+        assert self._session
+        self._session.deactivate(value(self, SETTLE_DURATION))
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -397,23 +293,132 @@ class Controller(LifecycleNode):
 
     def stop(self) -> None:
         """Stops the commands: the last one leaves the robot at rest, since motors may hold it."""
-        self._leave(0.0)
-        self._finish()
+        if self._session:
+            self._session.deactivate(0.0)
+            self._session.finish()
 
-    def _leave(self, settle: float) -> None:
+    def _freeze(self) -> None:
+        if self._session:
+            self._session.freeze()
+
+    def _answer_pose(
+        self, name: str, _: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        session = self._session
+        if self.is_shadow:
+            response.message = "It is a shadow, which moves nothing: start it without shadow."
+        elif session is None or not session.drives:
+            response.message = self._stop.reason or "Nothing moves: activate the node again first."
+        else:
+            response.success, response.message = session.take_pose(name)
+        return response
+
+
+class _EmergencyStop:
+    """Takes an emergency stop and its release, by a topic and by a service.
+
+    Attributes:
+        reason: why nothing may move; empty where it may.
+    """
+
+    def __init__(self, node: Node, when_stopped: Callable[[], object]):
+        self.reason, self._when_stopped = "", when_stopped
+        for qos in (LATEST, COMMANDED):  # whatever its sender guarantees
+            node.create_subscription(Bool, EMERGENCY_STOP, self._take, qos)
+        node.create_service(SetBool, f"~/{EMERGENCY_STOP}", self._answer)
+
+    def _take(self, wanted: Bool | SetBool.Request) -> None:
+        before, self.reason = self.reason, "There is an emergency stop." * wanted.data
+        if self.reason and not before:
+            self._when_stopped()
+
+    def _answer(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._take(request)
+        response.success = True
+        response.message = self.reason or "Released; deactivate and activate, to drive again."
+        return response
+
+
+class _Session:
+    """A controller that is configured: what it has loaded, and its answers while it is active.
+
+    Args:
+        node: the controller, which destroys the subscriptions, publishers and timers of a session.
+
+    Raises:
+        InvalidInputError: what the node's parameters name is wrong, or does not suit the robot.
+    """
+
+    def __init__(self, node: Controller):
+        robot, health, settings = node.robot, node.health, node.poses
+        self._node, self._health = node, health
+        self._times = AnswerTimes(health, robot.time_step)
+        # A policy that comes before activation is kept for it.
+        needs = node.needs_policy, node.safety.needs_distribution
+        self._training = TrainingResults(node, robot, health, *needs)
+        self._controls = controls = self._training.controls
+        self._interfaces = node.sender.interfaces(controls)
+        sitting = robot.pose("sit_keyframe", settings.sit_keyframe)
+        self._sitting = sitting if settings.sit_keyframe else None
+        self._standing = robot.pose("stand_keyframe", settings.stand_keyframe)
+        self._carrying = carrying = robot.standing(settings.stand_keyframe, controls)
+        limits = StateLimits(node.safety, robot.layout, robot.initial_state)
+        of_robot = controls, robot.time_step, robot.limits.broken, limits, carrying
+        self._supervisor = Supervisor(node.safety, *of_robot, self._training.marginals)
+        # Of a real robot no other node of this project tells it, and a bag needs it.
+        node.create_publisher(String, MJCF, LATEST).publish(String(data=robot.mjcf))
+        self._sensors = _Sensors(node, self._training.observation.readings, self._take_measurement)
+        self._look: Look | None = None
+        if node.is_shadow:
+            states = self._sensors.states
+            self._look = Look(node, health, robot, states, node.sender, self._training)
+        else:
+            gains = gains_to_msg(controls, node.get_clock().now().to_msg())
+            node.create_publisher(SignalsMsg, GAINS, LATEST).publish(gains)
+        self._motion: PoseMotion | None = None  # what the robot does in place of the law
+        self._is_active = False
+        self._since = 0.0  # when it was activated [s]
+        self._until: float | None = None  # when a deactivation ends, by the steady clock [s]
+        self._watchdog = steady_timer(node, robot.time_step, self._watch)
+        self._watchdog.cancel()  # until there is a first answer
+        # With use_sim_time; the state of the time 0, which says so too, may be lost.
+        self._clock_jumps = node.get_clock().create_jump_callback(
+            JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1)),
+            post_callback=lambda _: self._supervisor.forget_time(),
+        )
+
+    def close(self) -> None:
+        """Stops listening; a deactivation that settles ends."""
+        self.finish()
+        self._clock_jumps.unregister()
+        self._health.clear("qos")
+
+    def activate(self) -> None:
+        """Begins to answer states."""
+        self.finish()
+        self._supervisor.begin()
+        self._set_active(True)
+        self._set_motion(self._motion_to("drive", is_driven=False))
+        if self._look:
+            self._look.begin()
+        self._training.wait()
+        self._health.wait_for(self._sensors.awaited)
+        self._since = time.monotonic()
+
+    def deactivate(self, settle: float) -> None:
         """Lets the safe action drive for a time [s], where the law did."""
-        if not self._active:
+        if not self._is_active:
             return
         self._set_active(False)
-        self._set_pose(None)
+        self._set_motion(None)
         self._until = time.monotonic() + settle
         self._supervisor.stop_driving("the node is deactivated.")
-        self.training.stop_waiting()
-        self.health.stop_waiting(self._awaited)
+        self._training.stop_waiting()
+        self._health.stop_waiting(self._sensors.awaited)
         if self._watchdog.is_canceled() or not settle:  # or no state was answered
-            self._finish()
+            self.finish()
 
-    def _finish(self) -> None:
+    def finish(self) -> None:
         """Ends a deactivation: sends the last command."""
         if self._until is None:
             return
@@ -421,192 +426,239 @@ class Controller(LifecycleNode):
         if self._look:
             self._look.end()
         self._watchdog.cancel()
-        self.health.clear("state", "distance", "sensors")
+        self._health.clear("state", "distance", "sensors")
         if last := self._supervisor.stop():
-            self.health.publish()  # a recording must know that this command is no policy's
+            self._health.publish()  # a recording must know that this command is no policy's
             self._send(last)
 
-    def _take_emergency_stop(self, wanted: Bool | SetBool.Request) -> None:
-        """Lets the safe action drive until the stop is released and the node activated again."""
-        before, self._emergency = self._emergency, "There is an emergency stop." * wanted.data
-        if self._active and self._emergency and not before:
+    def freeze(self) -> None:
+        """Lets the safe action drive until the node is activated again."""
+        if self._is_active:
             self._supervisor.stop_driving("there is an emergency stop.", is_frozen=True)
             self._watch()
 
-    def _answer_emergency_stop(
-        self, request: SetBool.Request, response: SetBool.Response
-    ) -> SetBool.Response:
-        self._take_emergency_stop(request)
-        response.success = True
-        response.message = self._emergency or "Released; deactivate and activate, to drive again."
-        return response
+    @property
+    def drives(self) -> bool:
+        """Whether it is active, and nothing has stopped it until it is activated again."""
+        return self._is_active and not self._supervisor.has_stopped
 
-    def _answer_pose(
-        self, name: str, _: Trigger.Request, response: Trigger.Response
-    ) -> Trigger.Response:
-        is_driving = self._active and not self._is_shadow
-        response.success = is_driving and not self._supervisor.is_latched
-        if response.success:
-            self._take_pose(name, is_driven=self._pose is None)
-            response.message = f"It {self._pose.name}." if self._pose else "It is driven."
-        elif self._is_shadow:
-            response.message = "It is a shadow, which moves nothing: start it without shadow."
-        elif self._active and not self._supervisor.has_stopped:
-            fault = self._supervisor.fault
-            response.message = f"Deactivate and activate the node first: {fault}"
-        else:
-            response.message = self._emergency or "Nothing moves: activate the node again first."
-        return response
+    def take_pose(self, name: str) -> tuple[bool, str]:
+        """Lets the robot go to a pose, or be driven; returns whether it does, and a sentence."""
+        if self._supervisor.is_latched:
+            return False, f"Deactivate and activate the node first: {self._supervisor.fault}"
+        self._set_motion(self._motion_to(name, is_driven=self._motion is None))
+        return True, f"It {self._motion.name}." if self._motion else "It is driven."
 
-    def _take_pose(self, name: str, *, is_driven: bool = False) -> None:
-        """Lets the robot go to a pose and stay there, or then be driven by the law.
+    def _motion_to(self, name: str, *, is_driven: bool) -> PoseMotion | None:
+        """Returns the motion stand, hold, sit, or drive, which stands up before the law drives.
 
         One on a free base that the law drives has feet in the air: it begins as it stands.
         """
-        poses, controls, self._has_law = self._poses, self._controls, name == "drive"
+        poses, is_before_law = self._node.poses, name == "drive"
         says, goal, duration = {
             "drive": ("stands up", self._standing, poses.stand_duration),
             "stand": ("stands up", self._standing, poses.stand_duration),
             "hold": ("holds its pose", None, 0.0),
-            "sit": ("sits down", self._sitting if poses.sit_keyframe else None, poses.sit_duration),
+            "sit": ("sits down", self._sitting, poses.sit_duration),
         }[name]
-        is_short = self._is_shadow or (self._has_law and not duration)
-        first = self._standing if is_driven and self.robot.layout.base else None
+        if self._look or (is_before_law and not duration):
+            return None
+        first = self._standing if is_driven and self._carrying is not None else None
         last = self._carrying if is_driven else self._supervisor.last_control
-        given = says, controls, poses, goal, duration, first, last
-        self._set_pose(None if is_short else PoseMotion(*given))
+        given = says, self._controls, poses, goal, duration, first, last
+        return PoseMotion(*given, is_before_law=is_before_law)
 
-    def _set_pose(self, pose: PoseMotion | None) -> None:
-        self._pose = pose
-        if policy := self.training.policy:
+    def _set_motion(self, motion: PoseMotion | None) -> None:
+        self._motion = motion
+        if policy := self._training.policy:
             policy.forget()  # when it drives next, it begins anew
-        self._collector.takes_all = pose is not None  # PD chatters where it is slow
-        self.health.set_value(POSE, pose.name if pose else "")
-        self.health.publish()  # a recording must know when the law drives
+        self._sensors.newest.takes_all = motion is not None  # PD chatters where it is slow
+        self._health.set_value(POSE, motion.name if motion else "")
+        self._health.publish()  # a recording must know when the law drives
 
     def _set_active(self, is_active: bool) -> None:
-        self._active = is_active
-        self.health.set_value(IS_ACTIVE, is_active)
-        self.health.set_value(SAFE_ACTION, False)
-
-    def _is_blind(self) -> bool:
-        """Returns whether the IMU alone tells of a free base.
-
-        Raises:
-            InvalidInputError: base_from says so, but something reads the base's place or velocity.
-        """
-        wanted, base = value(self, BASE_FROM), self.robot.layout.base
-        if wanted == "odom" or base is None:
-            return False
-        place = ["plans"]  # which follow the whole state
-        if self._needs_policy:
-            read = self.training.observation.readings, self.robot.limits.readings
-            place = readings_of_place(base, self.robot.initial_state, *read)
-        if place and wanted == "imu":
-            raise InvalidInputError(
-                f"base_from is imu, but {', '.join(place)} need the place or the velocity of the "
-                "base, which no IMU measures: set base_from to odom."
-            )
-        return not place
+        self._is_active = is_active
+        self._health.set_value(IS_ACTIVE, is_active)
+        self._health.set_value(SAFE_ACTION, False)
 
     def _take_measurement(self, topic: str, message: Any) -> None:
-        if not self._active and self._until is None:
+        if not self._is_active and self._until is None:
             return
-        waiting, messages = [message], None
-        # Of a real robot the newest state is answered, whatever else waits.
-        while self._is_real and (
-            taken := self._sensors[topic].handle.take_message(type(message), False)
-        ):
-            waiting.append(taken[0])
-        for each in waiting:
+        messages, newest = None, self._sensors.newest
+        for each in self._sensors.waiting(topic, message):
             if self._look:
                 self._look.hear(topic, each)
-            messages = self._collector.add(topic, each) or messages
+            messages = newest.add(topic, each) or messages
         if messages:
-            self.health.clear("sensors")
+            self._health.clear("sensors")
             self._take_state(messages)
         elif (
             self._watchdog.is_canceled()
             and time.monotonic() - self._since > _PERIOD
-            and (missing := self._collector.missing())
+            and (missing := newest.missing())
         ):
-            self.health.report("sensors", error=f"No state is complete: {missing} did not come.")
+            self._health.report("sensors", error=f"No state is complete: {missing} did not come.")
 
     def _take_state(self, messages: dict[str, Any]) -> None:
-        self.health.arrived(self._awaited)
-        self.health.clear("qos")
-        has_policy = self.training.policy is not None or not self._needs_policy
-        if (pose := self._pose) and pose.is_reached and self._has_law and has_policy:
-            self._set_pose(pose := None)
-        if not (pose or has_policy):
+        node, health, supervisor = self._node, self._health, self._supervisor
+        health.arrived(self._sensors.awaited)
+        health.clear("qos")
+        has_policy = self._training.policy is not None or not node.needs_policy
+        if (motion := self._motion) and motion.is_reached and motion.is_before_law and has_policy:
+            self._set_motion(motion := None)
+        if not (motion or has_policy):
             return
         if self._watchdog.is_canceled():
             self._watchdog.reset()
-        began, context = time.monotonic(), NO_CONTEXT
-
-        def current_context() -> Array:
-            nonlocal context
-            context = self.instructions.at(stamp, state)
-            self.instructions.publish(context, stamp)
-            return context
-
+        began, law = time.monotonic(), partial(node.law, self._training)
         try:
-            state = self._states.join(messages)
+            state = self._sensors.states.join(messages)
             stamp = nanoseconds(messages[JOINTS].header.stamp)
             if self._look:
                 self._look.see(state, stamp)
-            if self._is_real and stamp == 0:
+            if node.is_real and stamp == 0:
                 raise InvalidInputError(
                     "the state's stamp is 0, but it must be the time of the measurement; let the "
                     "robot's driver set it."
                 )
-            command = self._supervisor.answer(
+            command = supervisor.answer(
                 state,
                 stamp,
-                lambda: (self.get_clock().now().nanoseconds - stamp) * 1e-9,
+                lambda: (node.get_clock().now().nanoseconds - stamp) * 1e-9,
                 time.monotonic(),
-                lambda: pose.control(state, stamp) if pose else self.law(state, stamp, context),
-                current_context,
-                is_policy=pose is None,
+                lambda: (motion.control if motion else law)(state, stamp),
+                lambda: node.instructions.at(stamp, state),
+                is_policy=motion is None,
             )
         except InvalidInputError as error:
-            command = self._supervisor.refuse(str(error), time.monotonic())
+            command = supervisor.refuse(str(error), time.monotonic())
         self._send(command)
-        if command and not self._supervisor.fault:
+        if command and not supervisor.fault:
             self._times.answered(command.stamp, time.monotonic() - began)
         self._report()
 
     def _watch(self) -> None:
         """Sends the safe action where it is due without a state, once a control period."""
-        if self._until is not None and time.monotonic() >= self._until:
-            self._finish()
-        elif self._active or self._until is not None:
-            missing = self._collector.missing() or JOINTS
-            if command := self._supervisor.watch(time.monotonic(), missing):
-                self._send(command)
-                self._report()
+        now, missing = time.monotonic(), self._sensors.newest.missing() or JOINTS
+        if self._until is not None and now >= self._until:
+            self.finish()
+        elif command := self._supervisor.watch(now, missing):
+            self._send(command)
+            self._report()
 
     def _send(self, command: Answer | None) -> None:
         if command and self._look:
             self._look.compare(command.control)
         elif command:
-            self._sender.send(command)
+            sender = self._node.sender
+            sender.send(command, self._controls, self._interfaces)
+            self._health.set_value(COMMANDS_SENT, sender.sent)
 
     def _report(self) -> None:
         """Shows on /diagnostics who drives, and why."""
-        supervisor, settings = self._supervisor, self._settings
-        self.health.set_value(SAFE_ACTION, supervisor.fault is not None)
+        supervisor, settings = self._supervisor, self._node.safety
+        self._health.set_value(SAFE_ACTION, supervisor.fault is not None)
         sentence = ""
         if supervisor.fault:
             sentence = f"Safe action active ({settings.safe_action}): {supervisor.fault}"
-            if self._is_shadow:
+            if self._look:
                 sentence = f"The policy would not drive: {supervisor.fault}"
             if settings.recovery == "manual":
                 sentence += " It stays until the node is deactivated and activated."
-        self.health.report("state", error=sentence)
-        self.health.report("distance", warning=supervisor.warning or "")
+        self._health.report("state", error=sentence)
+        self._health.report("distance", warning=supervisor.warning or "")
         if supervisor.distance is not None:
-            self.health.set_value("distance from training", f"{supervisor.distance:.2f}")
+            self._health.set_value("distance from training", f"{supervisor.distance:.2f}")
+
+
+class _Sensors:
+    """Subscribes to the topics that tell of a robot's state.
+
+    Args:
+        node: the controller.
+        read: what its policy reads of a state.
+        take: called with a topic and each message on it.
+
+    Attributes:
+        states: which topics there are, and how their messages make a state.
+        newest: the measurements that wait for others.
+        awaited: what the controller waits for, in words.
+
+    Raises:
+        InvalidInputError: base_from is imu, but more is read than an IMU measures.
+    """
+
+    def __init__(self, node: Controller, read: StateReadings, take: Callable[[str, Any], None]):
+        robot, settings, self._is_real = node.robot, node.sensors, (is_real := node.is_real)
+        self._node, self._health, self._filter = node, node.health, settings.velocity_filter
+        self.states = states = StateMessages(
+            robot.layout,
+            is_blind=_is_blind(node, read),
+            base_frame=settings.base_frame,
+            imu_frame=settings.imu_frame,
+        )
+        self.newest = NewestMeasurements(
+            states,
+            settings.sensor_tolerance if is_real else robot.time_step / 2,
+            robot.time_step,
+            self._filter,
+            self._tell_differences,
+            is_simulated=not is_real,
+        )
+        also = " (and odom, if they lack the base)" * (states.sources != states.needed)
+        source = "the robot's drivers" if is_real else "simulation"
+        self.awaited = f"{' and '.join(states.needed)}{also} from {source}"
+        self._subscriptions = {}
+        for topic, kind in states.sources.items():
+            has_many = topic == JOINTS or node.is_shadow
+            real = PARTS_OF_SENSORS if has_many else NEWEST_OF_SENSORS
+            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, topic))
+            taken, qos = partial(take, topic), real if is_real else NEWEST
+            made = node.create_subscription(kind, topic, taken, qos, event_callbacks=events)
+            self._subscriptions[topic] = made
+
+    def waiting(self, topic: str, message: Any) -> Iterator[Any]:
+        """Yields a message and, since a robot's newest state counts, what waits behind it."""
+        yield message
+        handle = self._subscriptions[topic].handle
+        while self._is_real and (taken := handle.take_message(type(message), False)):
+            yield taken[0]
+
+    def _tell_differences(self) -> None:
+        """Says that velocities of joints are none that a sensor measures."""
+        words = f"differences of positions, filtered over {self._filter:g} s (velocity_filter)"
+        self._health.set_value("joint velocities", words)
+        self._node.get_logger().warning(f"joint_states have no velocities: they are {words}.")
+
+    def _tell_qos(self, topic: str, _: object) -> None:
+        """Reports who sends measurements that never arrive: only reliability can differ."""
+        topic = self._node.resolve_topic_name(topic)
+        names = [
+            f"{sender.node_namespace.rstrip('/')}/{sender.node_name}"
+            for sender in self._node.get_publishers_info_by_topic(topic)
+            if sender.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
+        ]
+        sentence = (
+            f"{' and '.join(names) or 'A node'} sends {topic} by best effort, but this node takes "
+            "it reliably only, so that nothing arrives; start it with state_qos:=sensor_data."
+        )
+        self._health.report("qos", error=sentence)
+
+
+def _is_blind(node: Controller, read: StateReadings) -> bool:
+    """Returns whether the IMU alone tells of a free base."""
+    robot, wanted, base = node.robot, node.sensors.base_from, node.robot.layout.base
+    if wanted == "odom" or base is None:
+        return False
+    place = ["plans"]  # which follow the whole state
+    if node.needs_policy:
+        place = readings_of_place(base, robot.initial_state, read, robot.limits.readings)
+    if place and wanted == "imu":
+        raise InvalidInputError(
+            f"base_from is imu, but {', '.join(place)} need the place or the velocity of the base, "
+            "which no IMU measures: set base_from to odom."
+        )
+    return not place
 
 
 def _robot(reference: str) -> Deployment:

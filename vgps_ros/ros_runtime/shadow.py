@@ -17,6 +17,7 @@ from std_msgs.msg import Float64MultiArray
 from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.names import CMD_VEL, COMMAND
 from vgps_ros.messages.robot_state import IMU, JOINTS, StateMessages
@@ -29,6 +30,12 @@ from vgps_ros.ros_runtime.qos import COMMANDED
 from vgps_ros.ros_runtime.services import steady_timer
 from vgps_ros.ros_runtime.training_results import TrainingResults
 
+SHADOW = Setting(
+    "shadow",
+    False,
+    "whether to command nothing and to say what is wrong with a robot that runs: its sensors, its "
+    "joints' order, and the policy's answers beside what drives it now",
+)
 _PERIOD = 1.0  # between two judgements [s]
 _FEWEST = 10  # states and messages that are judged
 _APART = 0.3  # deviation from the pose from which on another order of the joints is sought [rad]
@@ -65,11 +72,14 @@ class Look:
         self._other: Array | None = None  # the newest command of another controller
         if len(sender.topics) == 1:
             node.create_subscription(sender.kind, sender.topics[0], self._take_other, COMMANDED)
+        self._timer = steady_timer(node, _PERIOD, self._judge)
+        self._timer.cancel()
+        self._forget()
 
     def begin(self) -> None:
         """Begins to judge what comes."""
-        self._timer = steady_timer(self._node, _PERIOD, self._judge)
         self._forget()
+        self._timer.reset()
 
     def _forget(self) -> None:
         self._heard: dict[str, list[tuple[int, Any]]] = {t: [] for t in self._states.sources}
@@ -78,7 +88,7 @@ class Look:
 
     def end(self) -> None:
         """Judges no more."""
-        self._node.destroy_timer(self._timer)
+        self._timer.cancel()
         self._health.clear(*self._found)
 
     def hear(self, topic: str, message: Any) -> None:

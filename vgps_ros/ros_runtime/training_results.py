@@ -77,7 +77,6 @@ class TrainingResults:
         node: Node,
         robot: Deployment,
         health: Health,
-        *,
         needs_policy: bool,
         needs_distribution: bool,
     ):

@@ -68,6 +68,7 @@ class PoseMotion:
         duration: time of the motion [s].
         first: a state from whose pose the joints go, shape (n_x,); None: where they are measured.
         last: the last control, shape (n_u,), with which it begins; None: it begins without pull.
+        is_before_law: whether the law drives once the pose is reached.
 
     Attributes:
         is_reached: whether the motion has ended.
@@ -82,8 +83,10 @@ class PoseMotion:
         duration: float,
         first: Array | None = None,
         last: Array | None = None,
+        *,
+        is_before_law: bool = False,
     ):
-        self.name, self.is_reached = name, False
+        self.name, self.is_reached, self.is_before_law = name, False, is_before_law
         self._controls, self._settings = controls, settings
         self._goal, self._duration = goal, duration
         self._first, self._last = first, last
