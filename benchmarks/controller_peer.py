@@ -27,6 +27,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.search.judgement import Achieved, judge_controller
 from vgps_ros.search.settings import search_settings
@@ -233,7 +234,7 @@ class Judge(BaseCallback):
         before = time.process_time()
         policy = as_policy(cast(PPO, self.model), self._task)
         save_policy(policy, self._task.name, self._output / "policy.json")
-        driver = self._task.driver(open_policy(self._output / "policy.json"))
+        driver = driver_of(self._task.deployment, open_policy(self._output / "policy.json"))
         found = judge_controller(
             self._task,
             driver,

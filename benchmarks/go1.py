@@ -17,6 +17,7 @@ import numpy as np
 import onnxruntime
 
 from vgps_ros.core.records import Array
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.search.judgement import SETTLING, command_grid, interval
 from vgps_ros.storage.run_folder import RunFolder
@@ -77,7 +78,7 @@ class Ours:
     def __init__(self, run: Path, commands: Array, steps: int):
         file = open_policy(RunFolder(run).policy)
         task = recorded_task(file.task)
-        self._driver, signals = task.driver(file), task.signals
+        self._driver, signals = driver_of(task.deployment, file), task.signals
         self._contexts = np.array([signals.held(each, steps) for each in commands])
 
     def __call__(self, t: int, robots: list[mujoco.MjData]) -> Array:

@@ -9,7 +9,7 @@ import pytest
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import with_values
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.judgement import Trial, behaviour
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings

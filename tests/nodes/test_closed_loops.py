@@ -13,11 +13,11 @@ from tests.servo_arm import LEG, write_arm
 from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.bags.episode import episodes
+from vgps_ros.policies.driver import driver_of, for_policy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.ros_runtime.qos import LATEST
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import for_policy
 
 STEPS = 150
 TARGET = np.array([-0.4, 0.2])  # of shoulder and elbow
@@ -52,8 +52,12 @@ def test_its_targets_and_gains_reach_the_simulation_and_its_bag_is_checked(graph
     np.testing.assert_allclose(commands[-1].position, TARGET)
 
     served = for_policy(task, open_policy(path))
-    law = served.driver(open_policy(path)).mean
-    expected = served.dynamics.rollout(task.initial_state, lambda _, x: law(x), STEPS)
+    driver = driver_of(served.deployment, open_policy(path))
+
+    def law(t, x):
+        return driver.policy.mean(driver.observation(x))
+
+    expected = served.dynamics.rollout(task.initial_state, law, STEPS)
     with BagReader(tmp_path / "bag") as bag:
         episode = episodes(bag, compile_model(bag.mjcf()))[-1]
     np.testing.assert_allclose(episode.states[: STEPS + 1], expected.states, rtol=1e-9, atol=1e-9)

@@ -11,6 +11,7 @@ from tests.nodes.conftest import Hardware
 from tests.nodes.test_onnx_executor import STEPS, drive, motion_of
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.bags.bag_check import check_bag
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 
 
@@ -34,7 +35,7 @@ def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(
 ):
     bag = drive(graph, path, limit=100.0)
     states, controls = motion_of(bag, swimmer)
-    driver = swimmer.driver(open_policy(path))
+    driver = driver_of(swimmer.deployment, open_policy(path))
     law = driver.started()
     inputs = driver.observation(states[:STEPS])
     expected = np.concatenate([law(row[None]) for row in inputs])
@@ -62,7 +63,7 @@ def test_it_begins_anew_where_it_is_activated_again(graph, swimmer, path):
 
     assert graph.change(Transition.TRANSITION_CONFIGURE)
     assert graph.change(Transition.TRANSITION_ACTIVATE)
-    driver = swimmer.driver(open_policy(path))
+    driver = driver_of(swimmer.deployment, open_policy(path))
     inputs = driver.observation(np.ones((1, 10)))
     law = driver.started()
     for step in (1, 2, 3):

@@ -9,7 +9,7 @@ import pytest
 from tests.nodes.test_measured_robot import BLIND, MS, REAL, Robot, a_policy
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.messages.conversions import command_from_msg
-from vgps_ros.policies.deployment import read_deployment, write_deployment
+from vgps_ros.policies.deployment_file import read_deployment, write_deployment
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 

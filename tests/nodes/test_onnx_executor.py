@@ -14,6 +14,7 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.bags.episode import episodes
 from vgps_ros.messages.conversions import policy_to_msg
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.ros_runtime.qos import LATCHED
 
@@ -81,7 +82,8 @@ def test_a_network_of_others_drives_within_the_limits_and_its_bag_is_checked(
     path = foreign("policy.onnx")
     bag = drive(graph, path, limit=0.55)
     states, controls = motion_of(bag, swimmer)
-    expected = rollout(swimmer, swimmer.driver(open_policy(path)).mean, 0.55)
+    driver = driver_of(swimmer.deployment, open_policy(path))
+    expected = rollout(swimmer, lambda x: driver.policy.mean(driver.observation(x)), 0.55)
     np.testing.assert_allclose(controls, expected.controls, rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(states, expected.states, rtol=1e-6, atol=1e-6)
     found = check_bag(bag, open_policy(path))

@@ -11,7 +11,7 @@ from tests.motors import motors, named
 from tests.onnx_models import elu_layers, elu_mean, elu_model
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
-from vgps_ros.policies.policy_file import is_policy_file, open_policy
+from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.storage.run_folder import RunFolder
 
 UNLIMITED = (np.full(2, -np.inf), np.full(2, np.inf))
@@ -30,7 +30,6 @@ def saved(folder, policy):
 def test_both_kinds_of_file_hold_the_same_policy_to_the_bit(random_policy, tmp_path):
     policy = random_policy(("a", "b"))
     for path in saved(tmp_path, policy):
-        assert is_policy_file(path)
         opened = open_policy(path)
         assert (opened.name, opened.task) == (f"'{path}'", "rotor")
         same = opened.policy(named(motors(1.0, 1.0), ["hip", "knee"]))
@@ -47,10 +46,6 @@ def test_a_network_of_others_is_executed_for_the_robots_joints(tmp_path, rng):
     assert (opened.task, opened.gaussian) == ("", None)
     mean = opened.policy(named(motors(1.0, 1.0), ["hip", "knee"])).mean(inputs)
     np.testing.assert_allclose(mean, elu_mean(layers, inputs), atol=1e-6)
-
-
-def test_a_bag_is_no_policy(tmp_path):
-    assert not is_policy_file(tmp_path / "bag.mcap")
 
 
 @pytest.mark.parametrize(

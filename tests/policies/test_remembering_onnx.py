@@ -5,10 +5,11 @@ import numpy as np
 
 from tests.onnx_models import drawn_policy, exported
 from tests.servo_arm import REMEMBERING, write_arm
-from vgps_ros.policies.driver import Driver, observation_of
+from vgps_ros.policies.driver import driver_of, observation_of
 from vgps_ros.policies.onnx_file import parsed
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.tasks import make_task
 
 
@@ -30,7 +31,10 @@ def test_the_contract_in_its_metadata_gives_what_the_policy_reads(tmp_path, rng)
     )
     states = rng.standard_normal((6, 1, 4))
     context = task.signals.held(task.signals.rest, 6)
-    laws = Driver(foreign, observation).started(), task.driver(open_policy(path)).started()
+    laws = (
+        Driver(foreign, observation).started(),
+        driver_of(task.deployment, open_policy(path)).started(),
+    )
     own = Driver.of(task.observation, policy).observation
     for t in range(6):
         said, ours = (

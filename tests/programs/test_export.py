@@ -17,6 +17,7 @@ import pytest
 from tests.onnx_models import drawn_policy, elu_layers, elu_mean, elu_model, exported
 from tests.servo_arm import GEARED, SERVOS, write_arm
 from vgps_ros.core.policy import Architecture, GaussianPolicy
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.onnx_file import metadata_of, parsed
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
@@ -127,8 +128,9 @@ def test_a_network_of_others_drives_the_robot_and_is_evaluated(foreign, swimmer,
     path, layers = foreign
     states = swimmer.initial_state + 0.3 * rng.standard_normal((50, 10))
     expected = 20.0 * elu_mean(layers, swimmer.observation(states))[:, ::-1]
-    driver = swimmer.driver(open_policy(path))
-    np.testing.assert_allclose(driver.mean(states), expected, rtol=1e-5, atol=1e-5)
+    driver = driver_of(swimmer.deployment, open_policy(path))
+    found = driver.policy.mean(driver.observation(states))
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
     result = json.loads(output_of(capsys, "evaluate", path, "--task", "swimmer", *ROLLOUTS))
     assert 0 < result["cost_per_step"]["mean"] < 10  # standing still costs 1
 
@@ -137,8 +139,12 @@ def test_a_training_starts_from_the_motion_of_a_policy(foreign, tmp_path, capsys
     path, _ = foreign
     flags = ["--task", "swimmer", "--demonstration", path]
     task = make_task("swimmer", str(path))
-    law = make_task("swimmer").driver(open_policy(path)).mean
-    shown = task.dynamics.rollout(task.initial_state, lambda _, x: law(x), task.planned_horizon)
+    driver = driver_of(make_task("swimmer").deployment, open_policy(path))
+
+    def law(t, x):
+        return driver.policy.mean(driver.observation(x))
+
+    shown = task.dynamics.rollout(task.initial_state, law, task.planned_horizon)
     begun = task.begin(task, task.initial_state, task.planned_horizon, None)
     np.testing.assert_array_equal(begun.trajectory.states, shown.states)
     assert np.abs(shown.controls).max() > 1.0

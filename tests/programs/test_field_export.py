@@ -16,14 +16,14 @@ from scipy.spatial.transform import Rotation
 from tests.onnx_models import drawn_policy, exported
 from tests.programs.test_import import ROBOT, TASK
 from tests.servo_arm import REMEMBERING, write_arm
-from vgps_ros.policies.driver import Driver
+from vgps_ros.policies.driver import driver_of, for_policy
 from vgps_ros.policies.foreign import read_contract, read_leapp
 from vgps_ros.policies.onnx_file import with_metadata
 from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.programs.__main__ import main as vgps
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.simulation.model import state_names
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import for_policy
 
 STEPS = 40
 COMMANDS = np.array([0.4, -0.2, 0.6])
@@ -170,7 +170,7 @@ def test_unitrees_controller_does_the_same(robot, tmp_path):
     said = read_contract(tmp_path / "its" / "params" / "deploy.yaml", task.controls.names, ())
     content = (tmp_path / "its" / "exported" / "policy.onnx").read_bytes()
     file = policy_of(with_metadata(content, said, "it"), "it")
-    _, again = driven(task, task.driver(file), ahead, states)
+    _, again = driven(task, driver_of(task.deployment, file), ahead, states)
     np.testing.assert_allclose(again, expected, rtol=1e-6, atol=1e-6)
 
 
@@ -200,7 +200,7 @@ def test_leapps_loader_does_the_same(robot, tmp_path):
     home = np.linspace(-0.5, 0.5, len(positions[0]))
     content = read_leapp(tmp_path / "bundle" / "policy.yaml", task.controls.names, home)
     file = policy_of(content, "it")
-    _, again = driven(task, task.driver(file), states=states)
+    _, again = driven(task, driver_of(task.deployment, file), states=states)
     np.testing.assert_allclose(again, expected, rtol=1e-6, atol=1e-6)
 
 
@@ -231,7 +231,10 @@ def test_leapps_loader_stops_the_clock_as_we_do(tmp_path):
         np.testing.assert_allclose(found[target][0], expected[t], rtol=1e-6, atol=1e-6)
     home = task.initial_state[7:19]
     file = policy_of(read_leapp(tmp_path / "bundle" / "policy.yaml", task.controls.names, home), "")
-    law, observation = task.driver(file).started(), task.driver(file).observation
+    law, observation = (
+        driver_of(task.deployment, file).started(),
+        driver_of(task.deployment, file).observation,
+    )
     for t, state in enumerate(states):
         own = observation.within(calm[t])(state[None])
         np.testing.assert_allclose(as_sent(task, law(own)[0]), expected[t], rtol=1e-6, atol=1e-6)
@@ -332,7 +335,7 @@ def test_a_bundle_of_leapp_drives_as_its_own_loader_has_it(folder, bundles, caps
         assert tuple(cell.strip() for cell in line.split("│")[5:7]) == gains
     file, task = policy_of((folder / "whole.onnx").read_bytes(), "it"), make_task("task.yaml")
     task = for_policy(task, file)
-    driver = task.driver(file)
+    driver = driver_of(task.deployment, file)
     assert list(task.controls.stiffness) == [20.0, 30.0]
     states, found = driven(task, driver)
     positions, velocities, turning, rotations = coordinates(task, states)

@@ -9,13 +9,12 @@ import onnx
 import pytest
 
 from tests.onnx_models import elu_layers, elu_model
-from vgps_ros.policies.deployment import read_deployment
-from vgps_ros.policies.driver import driver_of
+from vgps_ros.policies.deployment_file import read_deployment
+from vgps_ros.policies.driver import driver_of, for_policy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.robot.executed_control import ExecutedPolicy
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import for_policy
 
 TASK = """
 model: robot.xml
@@ -81,7 +80,7 @@ def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
     for place, term in (("0-5", "base_ang_vel"), ("6-11", "projected_gravity"), ("22-25", "last")):
         assert any(place in line and term in line for line in shown.splitlines())
     file, task = open_policy(folder / "whole.onnx"), make_task("task.yaml")
-    driver = (served := for_policy(task, file)).driver(file)
+    driver = driver_of((served := for_policy(task, file)).deployment, file)
     assert list(served.controls.stiffness) == [20.0, 30.0]
     rollouts = ["--seconds", "3", "--rollouts", "1", "--pushes", "0", "--json", "-"]
     vgps(["evaluate", "whole.onnx", "--task", "task.yaml", *rollouts])
@@ -163,7 +162,7 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
         assert cells == ["held", joint, place, "0", k_p]
     file, task = open_policy(folder / "whole.onnx"), make_task("task.yaml")
     task = for_policy(task, file)
-    driver = task.driver(file)
+    driver = driver_of(task.deployment, file)
     assert list(task.controls.stiffness) == [20.0, 30.0, 40.0, 30.0]
     law, told = driver.started(), task.signals.held(task.signals.rest, 100)
     observed = driver.observation.within

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.search.test_robustness import BLOCK, TASK
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.search.gait import gaits, measure_gait
 from vgps_ros.tasks import make_task, registry
@@ -68,7 +69,7 @@ def test_what_nothing_holds_has_neither_slip_nor_impact(block):
 
 def test_the_quadruped_that_stands_gives_no_power_and_one_that_walks_does():
     task = make_task("quadruped")
-    rest, *walks = gaits(task, task.driver(open_policy(SHIPPED)))
+    rest, *walks = gaits(task, driver_of(task.deployment, open_policy(SHIPPED)))
     assert rest["power"] < 1.0
     assert 0.99 < rest["impact"] < 1.05
     assert all(each["power"] > 10.0 and each["load"] < 1.0 for each in walks)

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.settings import with_values
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search import renewal
 from vgps_ros.search.calibration import calibrate
 from vgps_ros.search.judgement import (

@@ -21,7 +21,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.policy_fit import draw_targets
 from vgps_ros.core.records import CostExpansion, Trajectory
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.methods import check_search, search
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.settings import search_settings

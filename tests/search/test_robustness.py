@@ -6,7 +6,7 @@ import pytest
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.judgement import Trial
 from vgps_ros.search.robustness import behaviours, replay_rollout, robustness
 from vgps_ros.tasks import make_task

@@ -11,14 +11,19 @@ import pytest
 from tests.onnx_models import elu_model
 from tests.servo_arm import LEG, SERVOS, write_arm
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.policies.driver import driver_of, for_policy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.simulation.controls import closed_loops, controls_of
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import for_policy, in_closed_loops
+from vgps_ros.tasks.disturbed_task import in_closed_loops
 
 STIFFNESS, DAMPING = 80.0, 3.0
 GAINS = np.full(2, STIFFNESS), np.full(2, DAMPING)
+
+
+def mean_of(driver):
+    return lambda t, x: driver.policy.mean(driver.observation(x))
 
 
 def at_last(task, law, steps=150):
@@ -115,9 +120,9 @@ def test_a_network_with_gains_drives_the_robot_by_its_targets(tmp_path):
     onnx.save(elu_model(zero, says, rows="batch"), tmp_path / "policy.onnx")
     file = open_policy(tmp_path / "policy.onnx")
     served = for_policy(task, file)
-    driver = served.driver(file)
-    target = served.controls.at_joints(driver.mean(served.initial_state[None]))
+    law = mean_of(driver_of(served.deployment, file))
+    target = served.controls.at_joints(law(0, served.initial_state[None]))
     np.testing.assert_allclose(target[0], pose, rtol=1e-12)
-    assert at_last(served, lambda _, x: driver.mean(x)) < 1e-3
+    assert at_last(served, law) < 1e-3
     # As a law of torques, which a motion to start from needs, it chatters.
-    assert at_last(task, lambda _, x: task.driver(file).mean(x)) > 5.0
+    assert at_last(task, mean_of(driver_of(task.deployment, file))) > 5.0

@@ -24,9 +24,10 @@ from vgps_ros.core.records import Array
 from vgps_ros.messages.conversions import check_robot, distribution_from_msg
 from vgps_ros.messages.names import COMMANDS_SENT, IS_ACTIVE, POSE, SAFE_ACTION
 from vgps_ros.policies.onnx_policy import TOLERANCE, OnnxPolicy
-from vgps_ros.policies.policy_file import PolicyFile, policy_digest
+from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.robot.executed_control import FORGOTTEN, ExecutedPolicy, Policy
 from vgps_ros.safety.training_marginals import TrainingMarginals
+from vgps_ros.storage.run_folder import policy_digest
 
 
 @dataclass

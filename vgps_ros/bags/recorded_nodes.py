@@ -21,9 +21,10 @@ from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.messages.conversions import policy_from_msg, robot_model
-from vgps_ros.policies.deployment import Reader
+from vgps_ros.policies.deployment_file import DEPLOYMENT, make_deployment
 from vgps_ros.policies.driver import observation_of
 from vgps_ros.robot.controls import CONTROL_BOUND
+from vgps_ros.robot.deployment import Reader
 from vgps_ros.robot.executed_control import Policy, RememberingPolicy
 from vgps_ros.robot.signals import Signals
 from vgps_ros.safety.settings import SafetySettings
@@ -34,7 +35,7 @@ from vgps_ros.simulation.dynamics import Simulations
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.storage.files import read_yaml
-from vgps_ros.tasks import DEPLOYMENT, make_deployment, recorded_task
+from vgps_ros.tasks import recorded_task
 
 SLACK = 10**9  # largest time by which the bag may hold one of two related messages late [ns]
 ONNX = "onnx_policy"  # on which an executor that was started with such a file publishes it

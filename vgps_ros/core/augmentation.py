@@ -6,8 +6,6 @@ the robot's sensors are. Where a robot's left and right are alike, a sample teac
 motion as well: each draw mirrors every sample or not, at random.
 """
 
-import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,30 +15,6 @@ from vgps_ros.core.records import Array
 
 Samples = tuple[Array, Array, Array]
 """What the policy reads (N, n_o), the wanted controls' means (N, n_u) and variances (N, n_u)."""
-
-_SHORT = 2  # letters of a part, such as l or FR, that may stand in any word by chance
-
-
-def swap_parts(name: str, pairs: Sequence[tuple[str, str]]) -> str:
-    """Returns a name with the parts of each pair swapped.
-
-    Short parts and numbers count only where they are words of their own, as in l_hip, hipL or leg2.
-    """
-    for one, other in pairs:
-        both = {one: other, other: one}
-        part = re.compile("|".join(map(_part, sorted(both, key=len, reverse=True))))
-        rest, images = part.split(name), [both[each] for each in part.findall(name)]
-        name = "".join(a + b for a, b in zip(rest, [*images, ""], strict=True))
-    return name
-
-
-def _part(part: str) -> str:
-    """Returns the regular expression that finds a part of a name."""
-    if len(part) > _SHORT and not part.isdigit():
-        return re.escape(part)
-    kind = r"\d" if part.isdigit() else "A-Z" if part.isupper() else "A-Za-z"
-    after = r"\d" if part.isdigit() else "a-z"
-    return f"(?<![{kind}]){re.escape(part)}(?![{after}])"
 
 
 @dataclass(frozen=True)

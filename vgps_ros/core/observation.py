@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.marginals import Histories, sample_deviations, sample_histories
@@ -153,44 +152,6 @@ class Observation:
     def pull_back(self, jacobians: Array, states: Array) -> Array:
         """Returns J ∂h/∂δ, shape (..., m, n_dx), for J = ∂μ/∂o (..., m, n_o); m stays as it is."""
         return self.readings.pull_back(jacobians[..., : len(self.readings.names)], states)
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Says whether any reading is outside its range.
-
-    Attributes:
-        readings: the r readings.
-        lowest: smallest value of each, shape (r,); -inf for none.
-        highest: largest value of each, shape (r,); inf for none.
-    """
-
-    readings: StateReadings
-    lowest: Array
-    highest: Array
-
-    def broken(self, state: Array) -> str:
-        """Says which reading of a state (n_x,) is outside its range; empty where none is."""
-        if not self.lowest.size:
-            return ""
-        rows = zip(
-            self.readings.names, self.readings(state), self.lowest, self.highest, strict=True
-        )
-        return next(
-            (
-                f"{name} is {value:.3g}, but the task allows {low:g} to {high:g}."
-                for name, value, low, high in rows
-                if not low <= value <= high
-            ),
-            "",
-        )
-
-    def __call__(self, states: Array) -> NDArray[np.bool_]:
-        """Returns whether one is outside, shape (...,), for states (..., n_x); a NaN is not."""
-        if not self.lowest.size:
-            return np.zeros(states.shape[:-1], dtype=bool)
-        values = self.readings(states)
-        return np.any((values < self.lowest) | (values > self.highest), axis=-1)
 
 
 def sample_inputs(

@@ -38,8 +38,8 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array, Trajectory, TrajectoryDistribution
 from vgps_ros.messages.names import CMD_VEL
-from vgps_ros.policies.deployment import Deployment
 from vgps_ros.robot.controls import ControlKind, Controls
+from vgps_ros.robot.deployment import Deployment
 from vgps_ros.robot.signals import Command
 
 if TYPE_CHECKING:  # an executor takes none of them

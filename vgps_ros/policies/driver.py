@@ -1,72 +1,25 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A policy that drives the robot of a task."""
+"""Makes the policy of a file drive the robot of a task."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import BASE, TOLD, Contract, nearest_term
-from vgps_ros.policies.deployment import Deployment, Reader
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.robot.bodies import StateLayout
+from vgps_ros.robot.deployment import Deployment, Reader
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.robot.executed_control import Policy as AnyPolicy
-from vgps_ros.robot.executed_control import RememberingPolicy
 from vgps_ros.robot.signals import Signals
 
+if TYPE_CHECKING:
+    from vgps_ros.tasks.task import Task
+
 _SAME_PERIOD = 1e-3  # relative difference of two periods that are the same but for their text
-
-
-@dataclass(frozen=True)
-class Driver:
-    """A policy and what it reads of a state.
-
-    Attributes:
-        policy: the policy.
-        observation: what it reads; of a network of others it may be more than the task's policies
-            read.
-    """
-
-    policy: GaussianPolicy | RememberingPolicy | OnnxPolicy
-    observation: Observation
-
-    @classmethod
-    def of(cls, observation: Observation, policy: GaussianPolicy) -> "Driver":
-        """Returns a policy that was learned to read an observation."""
-        if past := observation.past:
-            return cls(RememberingPolicy(policy, past), observation.now)
-        return cls(policy, observation)
-
-    def started(self) -> Callable[..., Array]:
-        """Returns the law of a run of N robots, which remembers what its policy does.
-
-        It is called step after step with o (N, n_o), and perhaps with noise (N, n_u).
-        """
-        policy, memory = self.policy, None
-        answer = getattr(policy, "answer", None)  # of one that may remember
-
-        def law(inputs: Array, noise: Array | float = 0.0) -> Array:
-            nonlocal memory
-            if answer is None:
-                return policy.mean(inputs) + noise
-            controls, memory = answer(inputs, memory, noise)
-            return np.asarray(controls)
-
-        return law
-
-    def mean(self, states: Array) -> Array:
-        """Returns the controls without noise in states (..., n_x), shape (..., n_u).
-
-        Where the policy is told something, the states are those of the steps of the observation's
-        context, or the observation must be `within` that of a single step.
-        """
-        return self.policy.mean(self.observation(states))
 
 
 def observation_of(
@@ -136,3 +89,17 @@ def driver_of(deployment: Deployment, file: PolicyFile) -> Driver:
             "that it has yet to choose; use a policy that reads positions and velocities."
         )
     return Driver(policy, observation)
+
+
+def for_policy(task: "Task", file: PolicyFile) -> "Task":
+    """Returns the task in whose robot the loops of a network's gains are closed.
+
+    Raises:
+        InvalidInputError: the network does not fit the robot.
+    """
+    from vgps_ros.tasks.disturbed_task import in_closed_loops
+
+    policy = file.policy(task.controls)
+    if isinstance(policy, GaussianPolicy) or not policy.stiffness.any():
+        return task
+    return in_closed_loops(task, policy.stiffness, policy.damping)

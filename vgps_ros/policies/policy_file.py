@@ -1,12 +1,9 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Opens the file of a policy (policy.json, or an ONNX file, also a third-party one); digests."""
 
-import hashlib
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
-from vgps_ros.core.checks import arrays_of
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
 from vgps_ros.policies.onnx_policy import OnnxPolicy
@@ -37,11 +34,6 @@ class PolicyFile:
         return self.gaussian or OnnxPolicy(self.content, self.name, controls)
 
 
-def is_policy_file(path: Path) -> bool:
-    """Returns whether a file's name is that of a policy."""
-    return path.suffix in (".onnx", ".json")
-
-
 def open_policy(path: Path) -> PolicyFile:
     """Opens a policy.json or an ONNX file.
 
@@ -63,18 +55,3 @@ def policy_of(content: bytes, name: str) -> PolicyFile:
     exported = from_onnx(content, name)
     task = metadata_of(parsed(content, name)).get("task", "")
     return PolicyFile(name, task, exported.policy if exported else None, content)
-
-
-def policy_digest(policy: GaussianPolicy, before: str = "") -> str:
-    """Returns the SHA-256 of a policy and of the digest before it, in hexadecimal.
-
-    So each digest of a training vouches for all policies before it.
-
-    Args:
-        policy: the policy of iteration k; each bit of its arrays counts, and its shape.
-        before: the digest of iteration k − 1; empty for the first.
-    """
-    digest = hashlib.sha256(f"{before}{json.dumps(asdict(policy.architecture))}".encode())
-    for values in arrays_of(policy).values():
-        digest.update(values.astype("<f8").tobytes())
-    return digest.hexdigest()

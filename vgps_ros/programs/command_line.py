@@ -10,7 +10,6 @@ from typing import Any, NoReturn, TypeVar
 from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of, with_values
-from vgps_ros.tasks import DEPLOYMENT
 from vgps_ros.tasks.registry import task_names
 
 Record = TypeVar("Record")
@@ -129,6 +128,8 @@ def picture(text: str) -> Path:
 
 def deployment_file(text: str) -> Path:
     """Returns the path of a deployment file to write, which an executor knows by its ending."""
+    from vgps_ros.policies.deployment_file import DEPLOYMENT
+
     path = Path(text)
     if path.suffix != DEPLOYMENT:
         raise argparse.ArgumentTypeError(

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from vgps_ros.core.records import Array
-    from vgps_ros.policies.driver import Driver
     from vgps_ros.policies.policy_file import PolicyFile
+    from vgps_ros.robot.executed_control import Driver
     from vgps_ros.tasks import Task
 
 OWN = ("seconds", "rollouts", "perturbation", "seed", "stochastic")
@@ -385,14 +385,14 @@ def judge_policy(
 
     The replay returns the states of one rollout by kind, value and number; None if there is none.
     """
-    from vgps_ros.tasks.disturbed_task import for_policy
+    from vgps_ros.policies.driver import driver_of, for_policy
 
     commanded = bool(task.signals.commands)
     for name, value in (COMMANDED if commanded else UNCOMMANDED).items():
         vars(arguments).setdefault(name, value)
     own = {name: getattr(arguments, name) for name in OWN}
     task = for_policy(task, file)
-    driver = task.driver(file)
+    driver = driver_of(task.deployment, file)
     result = evaluate_policy(task, driver, **own)
     tried, replay = _try_disturbances(task, driver, arguments)
     return result | ({"robustness": tried} if tried else {}), replay

@@ -92,11 +92,11 @@ def run(arguments: argparse.Namespace) -> None:
     refuse_existing(outputs, overwrite=arguments.overwrite)
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
-    from vgps_ros.policies.deployment import write_deployment
+    from vgps_ros.policies.deployment_file import write_deployment
+    from vgps_ros.policies.field_export import write_leapp, write_unitrees
     from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task, recorded_task
-    from vgps_ros.tasks.field_export import write_leapp, write_unitrees
     from vgps_ros.views.web.page import page_of
 
     task = make_task(arguments.task) if arguments.task else recorded_task(name)

@@ -20,7 +20,7 @@ from vgps_ros.tasks.registry import TASK
 
 if TYPE_CHECKING:
     from vgps_ros.core.records import Array
-    from vgps_ros.policies.driver import Driver
+    from vgps_ros.robot.executed_control import Driver
     from vgps_ros.tasks import Task
 
 HOLDING = ("pose_stiffness", "pose_damping")  # of motors that the policy does not drive
@@ -65,14 +65,14 @@ def run(arguments: argparse.Namespace) -> None:
     from rich.table import Table
 
     from vgps_ros.policies.contract import BASE
-    from vgps_ros.policies.deployment import write_deployment
+    from vgps_ros.policies.deployment_file import write_deployment
+    from vgps_ros.policies.driver import driver_of, for_policy
     from vgps_ros.policies.foreign import holding, read_contract, read_leapp
     from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task
-    from vgps_ros.tasks.disturbed_task import for_policy
     from vgps_ros.views.console import table_console
 
     task, name = make_task(arguments.task), f"'{arguments.policy}'"
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> None:
     content = with_metadata(content, held, name) if held else content
     file, robot = policy_of(content, name), task.deployment
     task = for_policy(task, file)
-    driver = task.driver(file)
+    driver = driver_of(task.deployment, file)
     console = table_console()
     if not isinstance(driver.policy, OnnxPolicy):
         console.print("vgps_ros wrote this file; nothing is converted.")

@@ -17,6 +17,7 @@ from rich.console import Console
 
 from vgps_ros.core.memory import LAST_ACTION, terms_of
 from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.programs.evaluate import evaluate_policy, show_evaluation
 from vgps_ros.search.run_record import RunRecord
@@ -109,7 +110,7 @@ def _text(
     trained = training.get("command", "# not recorded: this is the policy alone, without its run")
     result = evaluate_policy(
         task,
-        task.driver(PolicyFile("the policy", task.name, policy)),
+        driver_of(task.deployment, PolicyFile("the policy", task.name, policy)),
         **_rollouts(task),
         **_MEASURED,
     )

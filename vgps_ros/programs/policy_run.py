@@ -29,13 +29,13 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import CMD_VEL, CONTEXT
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
+from vgps_ros.policies.driver import for_policy
 from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.ros_runtime.qos import LATCHED, STREAM
 from vgps_ros.ros_runtime.runner import spin_once
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import Course
-from vgps_ros.tasks.disturbed_task import for_policy
 
 # Steps asked for at once: fewer than a stream's queue is deep, so that no message is lost.
 _STEPS_AT_ONCE = STREAM.depth // 2

@@ -9,12 +9,14 @@ their code by the processor. Rollouts compute the same bits in a compiled loop
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import factorial
 from typing import Any, Protocol
 
 import numpy as np
 
 from vgps_ros.core.memory import Memory, PastInputs
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
@@ -114,6 +116,44 @@ class RememberingPolicy:
     def actions_of(self, controls: Array, inputs: Array) -> Array:
         """Returns the actions (N, n_u) of controls, which are what is remembered of them."""
         return controls
+
+
+@dataclass(frozen=True)
+class Driver:
+    """A policy and what it reads of a state.
+
+    Attributes:
+        policy: the policy.
+        observation: what it reads; of a network of others it may be more than the task's policies
+            read.
+    """
+
+    policy: Policy
+    observation: Observation
+
+    @classmethod
+    def of(cls, observation: Observation, policy: GaussianPolicy) -> "Driver":
+        """Returns a policy that was learned to read an observation."""
+        if past := observation.past:
+            return cls(RememberingPolicy(policy, past), observation.now)
+        return cls(policy, observation)
+
+    def started(self) -> Callable[..., Array]:
+        """Returns the law of a run of N robots, which remembers what its policy does.
+
+        It is called step after step with o (N, n_o), and perhaps with noise (N, n_u).
+        """
+        policy, memory = self.policy, None
+        answer = getattr(policy, "answer", None)  # of one that may remember
+
+        def law(inputs: Array, noise: Array | float = 0.0) -> Array:
+            nonlocal memory
+            if answer is None:
+                return policy.mean(inputs) + noise
+            controls, memory = answer(inputs, memory, noise)
+            return np.asarray(controls)
+
+        return law
 
 
 # The stamp of the newest state, what is remembered of it, and what was before it.

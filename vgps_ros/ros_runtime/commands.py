@@ -32,7 +32,7 @@ from vgps_ros.messages.conversions import (
     stamp_of,
 )
 from vgps_ros.messages.names import CMD_VEL, COMMAND, CONTEXT
-from vgps_ros.policies.deployment import Deployment
+from vgps_ros.robot.deployment import Deployment
 from vgps_ros.robot.signals import SOURCE, Command, Signals
 from vgps_ros.robot.unrest import Unrest, Waking
 from vgps_ros.ros_runtime.health import Health

@@ -51,8 +51,9 @@ from vgps_ros.messages.robot_state import (
     StateMessages,
     readings_of_place,
 )
-from vgps_ros.policies.deployment import Deployment
+from vgps_ros.policies.deployment_file import DEPLOYMENT, make_deployment
 from vgps_ros.robot.controls import CONTROL_BOUND
+from vgps_ros.robot.deployment import Deployment
 from vgps_ros.ros_runtime.command_sender import AnswerTimes, CommandSender
 from vgps_ros.ros_runtime.commands import Instructions
 from vgps_ros.ros_runtime.health import Health
@@ -66,7 +67,6 @@ from vgps_ros.safety.poses import PoseMotion, PoseSettings
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.state_limits import StateLimits
 from vgps_ros.safety.supervisor import Answer, Supervisor
-from vgps_ros.tasks import DEPLOYMENT, make_deployment
 from vgps_ros.tasks.registry import TASK
 
 DEPLOYED_TASK = replace(

@@ -238,9 +238,8 @@ def _show_help(runnables: Sequence[Runnable[Any]], name: str) -> None:
     A node is built with its defaults, in a graph that nobody discovers and in an empty folder.
     """
     from rich import box
+    from rich.console import Console
     from rich.table import Table
-
-    from vgps_ros.views.console import table_console
 
     print(f"usage: ros2 run vgps_ros {name} [--ros-args -p PARAMETER:=VALUE ...]\n")
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "OFF"
@@ -259,4 +258,5 @@ def _show_help(runnables: Sequence[Runnable[Any]], name: str) -> None:
             changes = "" if descriptor.read_only else " [may change while it runs]"
             table.add_row(descriptor.name, str(default), descriptor.description + changes)
         print(sys.modules[runnable.make.__module__].__doc__)
-        table_console().print(table, highlight=False)
+        width = None if sys.stdout.isatty() else 140  # rich would assume 80 in a pipe
+        Console(markup=False, emoji=False, width=width).print(table, highlight=False)

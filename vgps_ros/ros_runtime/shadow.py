@@ -21,9 +21,9 @@ from vgps_ros.core.settings import Setting
 from vgps_ros.messages.conversions import command_from_msg, nanoseconds
 from vgps_ros.messages.names import CMD_VEL, COMMAND
 from vgps_ros.messages.robot_state import IMU, JOINTS, StateMessages
-from vgps_ros.policies.deployment import Deployment
 from vgps_ros.robot.bodies import BACK, product, vertical
 from vgps_ros.robot.controls import ControlKind
+from vgps_ros.robot.deployment import Deployment
 from vgps_ros.ros_runtime.command_sender import CommandSender
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.qos import COMMANDED

@@ -23,11 +23,11 @@ from vgps_ros.messages.conversions import (
     robot_of,
 )
 from vgps_ros.messages.names import POLICY_OF_ITERATION
-from vgps_ros.policies.deployment import Deployment
-from vgps_ros.policies.driver import Driver, driver_of
+from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile, open_policy
-from vgps_ros.robot.executed_control import ExecutedPolicy
+from vgps_ros.robot.deployment import Deployment
+from vgps_ros.robot.executed_control import Driver, ExecutedPolicy
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import value
 from vgps_ros.ros_runtime.qos import LATCHED, LATEST

@@ -12,7 +12,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.rollouts import Executions
 from vgps_ros.tasks import Task
 

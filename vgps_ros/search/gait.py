@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.records import Array
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.judgement import SETTLING, Trial, command_grid, execute_trial, first_phases
 from vgps_ros.tasks import Task
 

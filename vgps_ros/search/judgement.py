@@ -28,8 +28,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.slow_steps import progress_lines
-from vgps_ros.policies.driver import Driver
-from vgps_ros.robot.executed_control import RememberingPolicy
+from vgps_ros.robot.executed_control import Driver, RememberingPolicy
 from vgps_ros.robot.signals import Signals
 from vgps_ros.search.evaluation import perturbed_starts
 from vgps_ros.search.settings import search_settings

@@ -36,7 +36,7 @@ from vgps_ros.core.marginals import sample_deviations, sample_rollout_noise, sta
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.policies.policy_file import policy_digest
+from vgps_ros.storage.run_folder import policy_digest
 
 if TYPE_CHECKING:  # these import torch, which a reader of metrics does without
     from vgps_ros.search.evaluation import Evaluation

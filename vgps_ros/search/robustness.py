@@ -18,7 +18,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.core.slow_steps import progress_lines
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.judgement import (
     PUSHES,
     SENSORS,

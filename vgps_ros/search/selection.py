@@ -21,7 +21,7 @@ import numpy as np
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
-from vgps_ros.policies.driver import Driver
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.calibration import calibrate
 from vgps_ros.search.judgement import (
     SELECTION,

@@ -5,6 +5,8 @@ Loading a file can run no code. A policy is JSON text that a person can read: th
 of the record's fields, and numbers have the shortest digits that read back to the same bits.
 """
 
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -134,3 +136,18 @@ def load_distributions(path: Path) -> tuple[list[TrajectoryDistribution], str]:
 def _key(name: str) -> str:
     """Returns an array's name in the file, which is that of its own record's field."""
     return name.rpartition(".")[2]
+
+
+def policy_digest(policy: GaussianPolicy, before: str = "") -> str:
+    """Returns the SHA-256 of a policy and of the digest before it, in hexadecimal.
+
+    So each digest of a training vouches for all policies before it.
+
+    Args:
+        policy: the policy of iteration k; each bit of its arrays counts, and its shape.
+        before: the digest of iteration k − 1; empty for the first.
+    """
+    digest = hashlib.sha256(f"{before}{json.dumps(asdict(policy.architecture))}".encode())
+    for values in arrays_of(policy).values():
+        digest.update(values.astype("<f8").tobytes())
+    return digest.hexdigest()

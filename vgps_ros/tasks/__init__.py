@@ -10,10 +10,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks.registry import BUILT_IN, runs_code, task_file_of, task_function_of
 
 if TYPE_CHECKING:
-    from vgps_ros.policies.deployment import Deployment
     from vgps_ros.tasks.task import Task
-
-DEPLOYMENT = ".json"  # how the name of a deployment file ends
 
 
 def make_task(reference: str, demonstration: str = "") -> "Task":
@@ -70,22 +67,6 @@ def recorded_task(reference: str) -> "Task":
     return make_task(reference)
 
 
-def make_deployment(reference: str) -> "Deployment":
-    """Returns what an executor has to know of a task; of a deployment file without MuJoCo.
-
-    Args:
-        reference: a deployment file, or what `make_task` takes.
-
-    Raises:
-        InvalidInputError: the file holds no deployment, or as `make_task` does.
-    """
-    if reference.endswith(DEPLOYMENT):
-        from vgps_ros.policies.deployment import read_deployment
-
-        return read_deployment(Path(reference).expanduser())
-    return make_task(reference).deployment
-
-
 def __getattr__(name: str) -> Any:
     """Loads `Task` when it is first asked for."""
     if name == "Task":
@@ -93,4 +74,4 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
 
 
-__all__ = ["BUILT_IN", "Task", "make_deployment", "make_task", "recorded_task"]
+__all__ = ["BUILT_IN", "Task", "make_task", "recorded_task"]

@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Builds a task from a task file and the robot's MJCF."""
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -12,13 +13,14 @@ import msgspec
 import mujoco
 import numpy as np
 
-from vgps_ros.core.augmentation import Augmentation, Mirror, swap_parts
+from vgps_ros.core.augmentation import Augmentation, Mirror
 from vgps_ros.core.checks import known, matching, quote
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import Place, at_entry, refuse_if
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
-from vgps_ros.core.observation import Conditions, Observation
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.records import Array
+from vgps_ros.robot.deployment import Conditions
 from vgps_ros.robot.signals import CLOCK, Command, Signals
 from vgps_ros.simulation.controls import resting_controls
 from vgps_ros.simulation.dynamics import Dynamics
@@ -502,3 +504,28 @@ def start_state(start: Start, model: mujoco.MjModel) -> Array:
             values[addresses[i] : end] = numbers
     mujoco.mj_normalizeQuat(model, data.qpos)
     return np.concatenate([data.qpos, data.qvel, data.act])
+
+
+_SHORT = 2  # letters of a part, such as l or FR, that may stand in any word by chance
+
+
+def swap_parts(name: str, pairs: Sequence[tuple[str, str]]) -> str:
+    """Returns a name with the parts of each pair swapped.
+
+    Short parts and numbers count only where they are words of their own, as in l_hip, hipL or leg2.
+    """
+    for one, other in pairs:
+        both = {one: other, other: one}
+        part = re.compile("|".join(map(_part, sorted(both, key=len, reverse=True))))
+        rest, images = part.split(name), [both[each] for each in part.findall(name)]
+        name = "".join(a + b for a, b in zip(rest, [*images, ""], strict=True))
+    return name
+
+
+def _part(part: str) -> str:
+    """Returns the regular expression that finds a part of a name."""
+    if len(part) > _SHORT and not part.isdigit():
+        return re.escape(part)
+    kind = r"\d" if part.isdigit() else "A-Z" if part.isupper() else "A-Za-z"
+    after = r"\d" if part.isdigit() else "a-z"
+    return f"(?<![{kind}]){re.escape(part)}(?![{after}])"

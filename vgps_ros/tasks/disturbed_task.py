@@ -21,9 +21,7 @@ from scipy.spatial.transform import Rotation
 from vgps_ros.core.checks import known
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
-from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.robot.bodies import UP
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
 from vgps_ros.simulation.controls import closed_loops
@@ -95,18 +93,6 @@ def in_closed_loops(task: Task, stiffness: Array, damping: Array) -> Task:
     cost = replace(task.cost, control_weights=np.zeros_like(stiffness))
     dynamics = Dynamics(compile_model(mjcf, is_tried=True), task.dynamics.substeps)
     return on_dynamics(replace(task, mjcf=mjcf, cost=cost), dynamics)
-
-
-def for_policy(task: Task, file: PolicyFile) -> Task:
-    """Returns the task in whose robot the loops of a network's gains are closed.
-
-    Raises:
-        InvalidInputError: the network does not fit the robot.
-    """
-    policy = file.policy(task.controls)
-    if isinstance(policy, GaussianPolicy) or not policy.stiffness.any():
-        return task
-    return in_closed_loops(task, policy.stiffness, policy.damping)
 
 
 def draw_disturbance(

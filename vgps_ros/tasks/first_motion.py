@@ -17,8 +17,9 @@ from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, at_entry, refuse_if
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.slow_steps import progress_lines
-from vgps_ros.policies.driver import Driver
-from vgps_ros.policies.policy_file import is_policy_file, open_policy
+from vgps_ros.policies.driver import driver_of
+from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.robot.executed_control import Driver
 from vgps_ros.simulation.controls import resting_controls
 from vgps_ros.simulation.model import joint_names, state_names
 from vgps_ros.tasks.motion_table import load_demonstration, read_columns, read_rows
@@ -79,10 +80,10 @@ def with_demonstration(task: Task, path: Path) -> Task:
         InvalidInputError: the file is unreadable, or names, rate or size do not fit the task; or it
             is a policy that does not fit the robot, or whose motion diverges.
     """
-    if not is_policy_file(path):
+    if path.suffix not in (".onnx", ".json"):  # of policies
         recorded = load_demonstration(task, path)
         return replace(task, begin=Recorded(recorded), initial_state=recorded.states[0])
-    drive = partial(_driven, task.driver(open_policy(path)))
+    drive = partial(_driven, driver_of(task.deployment, open_policy(path)))
     shown = drive(task, task.initial_state, task.planned_horizon)
     sound = np.isfinite(shown.states).all(axis=1)
     if not sound.all():

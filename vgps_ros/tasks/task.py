@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.cost import FeatureCost
-from vgps_ros.core.observation import Conditions, Observation
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
-from vgps_ros.policies.deployment import Deployment
-from vgps_ros.policies.driver import Driver, driver_of
-from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.robot.bodies import UP
 from vgps_ros.robot.controls import Controls
+from vgps_ros.robot.deployment import Conditions, Deployment
 from vgps_ros.robot.signals import Signals
 from vgps_ros.robot.unrest import Unrest
 from vgps_ros.simulation.dynamics import Dynamics
@@ -207,16 +205,6 @@ class Task:
             read=partial(Readings, dynamics.simulations),
             sensors=tuple(sensor_numbers(model)),
         )
-
-    def driver(self, file: PolicyFile) -> Driver:
-        """Returns the policy of a file as one that drives the robot in the task's context.
-
-        Raises:
-            InvalidInputError: the policy does not fit the robot.
-        """
-        driver = driver_of(self.deployment, file)
-        observation = driver.observation.within(self.planned_context)
-        return replace(driver, observation=observation)
 
     @property
     def velocities(self) -> slice:

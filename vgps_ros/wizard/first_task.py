@@ -16,11 +16,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.augmentation import swap_parts
 from vgps_ros.core.records import Array
 from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.simulation.controls import controls_of, resting_controls
 from vgps_ros.simulation.model import joint_names
+from vgps_ros.tasks.builder import swap_parts
 from vgps_ros.tasks.schema import MOST_CONTACTS
 from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, strongest
 from vgps_ros.wizard.robot import (

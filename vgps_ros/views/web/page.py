@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.observation import Conditions, StateReadings
+from vgps_ros.core.observation import StateReadings
 from vgps_ros.policies.onnx_file import ExportedPolicy
+from vgps_ros.robot.deployment import Conditions
 from vgps_ros.robot.signals import Command
 from vgps_ros.robot.unrest import RATE, TILT, Unrest
 from vgps_ros.simulation.frames import frame_names

@@ -17,11 +17,11 @@ from tests.onnx_models import elu_layers, elu_mean, elu_model
 from tests.servo_arm import REMEMBERING, write_arm
 from vgps_ros import tasks
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.policies.deployment import read_deployment, write_deployment
+from vgps_ros.policies.deployment_file import make_deployment, read_deployment, write_deployment
 from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.storage.files import to_tree
-from vgps_ros.tasks import BUILT_IN, make_deployment, make_task
+from vgps_ros.tasks import BUILT_IN, make_task
 
 
 def arm(folder, *changes):

@@ -3,7 +3,7 @@
 
 import pytest
 
-from vgps_ros.core.augmentation import swap_parts
+from vgps_ros.tasks.builder import swap_parts
 
 
 @pytest.mark.parametrize(

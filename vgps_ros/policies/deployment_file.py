@@ -1,5 +1,5 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""What a robot's executor has to know of a task, which a file can hold: then it takes no MuJoCo.
+"""The file of what a robot's executor has to know of a task, by which it takes no MuJoCo.
 
 The file has no kinematics. What a policy reads of the state must be linear in what sensors measure:
 
@@ -13,7 +13,7 @@ fitted to the model's readings, and tried on states that it was not fitted to.
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,13 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from vgps_ros.core.checks import nearest, one_of, quote
+from vgps_ros.core.checks import nearest, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import PastInputs
-from vgps_ros.core.observation import Conditions, Observation, StateReadings
+from vgps_ros.core.observation import Observation
 from vgps_ros.core.records import Array
 from vgps_ros.robot.bodies import StateLayout
 from vgps_ros.robot.controls import Controls
+from vgps_ros.robot.deployment import Conditions, Deployment, Reader
 from vgps_ros.robot.signals import Signals
 from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
 
@@ -36,68 +37,7 @@ _EPS = 1e-6  # perturbation of the finite differences
 _EXACT = 1e-9  # largest deviation of a reading from what is fitted to it
 _DIGITS = 12  # to which the weights are rounded, so that 0 and 1 are exact
 
-Reader = Callable[[Sequence[str]], StateReadings]
-
-
-@dataclass(frozen=True)
-class Deployment:
-    """What an executor has to know of a task.
-
-    Attributes:
-        name: the task's name.
-        mjcf: the robot's MJCF, which bags need; nothing here compiles it.
-        time_step: time of a control step [s].
-        horizon: T, the number of steps of a trajectory distribution that were trained on.
-        layout: what the numbers of a state are.
-        controls: what the robot's controls are.
-        signals: the commands and the clock.
-        initial_state: in which the robot stands, shape (n_x,).
-        keyframes: other poses by name, as states at rest, shape (n_x,).
-        carrying: forces τ of the servos that hold such a pose under the robot's weight, by its
-            name, that of the initial state is empty; shape (n_u,) [N·m, N].
-        observation: what a policy of the task reads.
-        limits: in which states the policy must not drive.
-        read: returns readings by their names, for a third-party policy.
-        sensors: names of the readings that sensors of the model give.
-    """
-
-    name: str
-    mjcf: str
-    time_step: float
-    horizon: int
-    layout: StateLayout
-    controls: Controls
-    signals: Signals
-    initial_state: Array
-    keyframes: dict[str, Array]
-    carrying: dict[str, Array]
-    observation: Observation
-    limits: Conditions
-    read: Reader
-    sensors: tuple[str, ...] = ()
-
-    def pose(self, setting: str, keyframe: str) -> Array:
-        """Returns the state of a keyframe at rest, shape (n_x,); the initial one, if it is empty.
-
-        Raises:
-            InvalidInputError: there is no such keyframe; the error names the setting.
-        """
-        if not keyframe:
-            return self.initial_state
-        one_of(setting, keyframe, list(self.keyframes))
-        return self.keyframes[keyframe]
-
-    def standing(self, keyframe: str, controls: Controls) -> Array | None:
-        """Returns u by which a robot on a free base stands in a pose, (n_u,); None of another one.
-
-        Args:
-            keyframe: name of the pose; empty for the initial state.
-            controls: the robot's, perhaps with gains of a policy.
-        """
-        if self.layout.base is None:
-            return None
-        pose = self.keyframes.get(keyframe, self.initial_state)
-        return controls.carrying(pose, self.carrying[keyframe])
+DEPLOYMENT = ".json"  # how the name of a deployment file ends
 
 
 class MeasuredReadings:
@@ -292,6 +232,22 @@ def read_deployment(path: Path) -> Deployment:
         *(content.controls, content.signals, content.initial_state, poses, carrying),
         *(observation, limits, content.readings, content.sensors),
     )
+
+
+def make_deployment(reference: str) -> Deployment:
+    """Returns what an executor has to know of a task; of a deployment file without MuJoCo.
+
+    Args:
+        reference: a deployment file, or what `make_task` takes.
+
+    Raises:
+        InvalidInputError: the file holds no deployment, or as `make_task` does.
+    """
+    if reference.endswith(DEPLOYMENT):
+        return read_deployment(Path(reference).expanduser())
+    from vgps_ros.tasks import make_task
+
+    return make_task(reference).deployment
 
 
 def _digest(*content: Any) -> str:

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from tests.simulation.robots import everything, random_states
-from vgps_ros.core.observation import Conditions
+from vgps_ros.robot.deployment import Conditions
 from vgps_ros.simulation.dynamics import Simulations
 from vgps_ros.simulation.readings import Readings
 

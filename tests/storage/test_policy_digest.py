@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.policies.policy_file import policy_digest
+from vgps_ros.storage.run_folder import policy_digest
 
 
 def test_it_is_the_sha_256_of_the_shape_and_the_little_endian_numbers(random_policy):
