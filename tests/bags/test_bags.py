@@ -9,6 +9,7 @@ import pytest
 import yaml
 from ament_index_python.packages import get_package_share_directory
 from mcap.reader import make_reader
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -100,12 +101,12 @@ def test_an_unknown_topic_is_refused_with_the_known_ones(bag):
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [
-        ("nothing", "is not a bag: name the folder"),
-        ("text", "is not a bag: name the folder"),
-        ("empty folder", "must be a folder with .mcap files"),
-        ("cut", "lacks the index of bag_0.mcap"),
-        ("no metadata", "lacks metadata.yaml"),
-        ("bad metadata", "lacks a whole metadata.yaml"),
+        ("nothing", "is not a bag: name a folder"),
+        ("text", "is not a bag: name a folder"),
+        ("empty folder", "is not a bag: name a folder"),
+        ("cut", r"was not closed, or is damaged \(File end magic is invalid\); `vgps bag reindex"),
+        ("no metadata", r"\(it has no metadata\.yaml\); `vgps bag reindex"),
+        ("bad metadata", r"\(Invalid bag metadata: .*\); `vgps bag reindex"),
     ],
 )
 def test_what_is_no_whole_bag_is_refused_with_a_sentence(bag, tmp_path, make, sentence):
@@ -202,3 +203,22 @@ def test_an_existing_folder_is_refused_and_left_alone(bag):
 def test_an_unknown_compression_names_the_known_ones(tmp_path):
     with pytest.raises(InvalidInputError, match="lz4, none, zstd"):
         BagWriter(tmp_path / "bag", compression="zip")
+
+
+@pytest.mark.parametrize(
+    ("storage", "mode"), [("SQLITE3", "NONE"), ("SQLITE3", "MESSAGE"), ("MCAP", "FILE")]
+)
+def test_what_rosbag2_stores_otherwise_is_read_too(tmp_path, store, messages, storage, mode):
+    writer = Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin[storage])
+    writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    with writer:
+        policy = writer.add_connection("/policy", POLICY, typestore=store)
+        states = writer.add_connection("/joint_states", STATE, typestore=store)
+        for topic, stamp, data in messages:
+            writer.write(policy if topic == "/policy" else states, stamp, data)
+    with BagReader(tmp_path / "bag") as reader:
+        found = list(reader.messages())
+        assert [(m.topic, m.stamp, m.data) for m in found] == messages
+        assert reader.decode(found[0]).task == "swimmer"
+        assert (reader.counts, reader.duration) == ({"/policy": 1, "/joint_states": 2}, 4)
+        assert reader.attachments() == {}

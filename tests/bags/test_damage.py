@@ -2,17 +2,15 @@
 """Damaged bags cost what was damaged; `make damages` runs the long campaign."""
 
 import os
-import re
 import shutil
 from pathlib import Path
 
 import pytest
 
-from tests.bags.damage import KINDS, SAMPLE, campaign
+from tests.bags.damage import KINDS, SAMPLE, campaign, chunks
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.mcap_file import McapFile
-from vgps_ros.bags.reader import storage_files
-from vgps_ros.bags.writer import repair
+from vgps_ros.bags.metadata import storage_files
+from vgps_ros.bags.repair import repair
 from vgps_ros.core.errors import InvalidInputError
 
 
@@ -28,54 +26,42 @@ def bag(tmp_path) -> Path:
     return tmp_path / "bag"
 
 
-def test_one_flipped_bit_costs_one_chunk_which_is_named(bag):
+def test_one_flipped_bit_is_named_and_costs_one_chunk(bag):
     [file] = storage_files(bag)
-    content = McapFile(file)
-    piece = content.pieces[20]
-    lost = [message for _, message in content.messages([piece])]
+    chunk = chunks(file)[20]
     with BagReader(bag) as reader:
         before = list(reader.messages())
     data = bytearray(file.read_bytes())
-    data[piece.begin + 200] ^= 1
+    data[chunk.begin + 200] ^= 1
     file.write_bytes(data)
+    sentence = r"was not closed, or is damaged \(.*\); `vgps bag reindex"
+    with BagReader(bag) as reader, pytest.raises(InvalidInputError, match=sentence):
+        list(reader.messages())
+    [fault] = repair(bag)[file]
+    assert fault.startswith(f"bag_0.mcap: the chunk at byte {chunk.begin} is damaged, with messa")
+    stamps = [message.log_time * 1e-9 for message in chunk.messages]
+    assert f"from {min(stamps):.3f} to {max(stamps):.3f} s" in fault
     with BagReader(bag) as reader:
-        assert len(before) - len(list(reader.messages())) == len(lost)
-        [sentence] = reader.damages
-    assert sentence.startswith(f"bag_0.mcap: the chunk at byte {piece.begin} is damaged, with ")
-    stamps = [message.log_time * 1e-9 for message in lost]
-    assert f"from {min(stamps):.3f} to {max(stamps):.3f} s" in sentence
-    repair(bag)
-    with BagReader(bag) as reader:
-        assert len(before) - len(list(reader.messages())) == len(lost)
-        assert reader.damages == []
+        assert len(before) - len(list(reader.messages())) == len(chunk.messages)
+    assert repair(bag) == {}
 
 
-def test_a_damaged_length_costs_one_chunk_where_the_index_names_the_next(bag):
+def test_a_damaged_length_costs_the_rest_of_its_file(bag):
     [file] = storage_files(bag)
-    content = McapFile(file)
-    piece = content.pieces[20]
+    whole = chunks(file)
     data = bytearray(file.read_bytes())
-    data[piece.begin + 6] ^= 1  # in the length of its record
+    data[whole[20].begin + 6] ^= 1  # in the length of its record
     file.write_bytes(data)
-    damaged = McapFile(file)
-    assert [p.begin for p in damaged.pieces] == [
-        p.begin for p in content.pieces if p.begin != piece.begin
-    ]
-    assert f"bytes {piece.begin} to " in damaged.damages[0]
-
-
-def test_a_damaged_attachment_is_named(bag):
-    [file] = storage_files(bag)
-    data = file.read_bytes()
-    file.write_bytes(data.replace(b"mujoco: ", b"mujoco; ", 1))
-    [sentence] = McapFile(file).damages
-    assert re.search("the attachment at byte [0-9]+ is damaged", sentence)
+    assert f"it breaks off at byte {whole[20].begin} of {len(data)}" in repair(bag)[file][0]
+    with BagReader(bag) as reader:
+        kept = sum(len(chunk.messages) for chunk in whole[:20])
+        assert len(list(reader.messages())) == kept
 
 
 def test_a_bag_whose_file_is_missing_is_not_whole(bag):
     shutil.copy(bag / "bag_0.mcap", bag / "bag_1.mcap")
     (bag / "bag_0.mcap").unlink()
-    with pytest.raises(InvalidInputError, match=r"it lacks the file bag_0\.mcap"):
+    with pytest.raises(InvalidInputError, match=r"files are missing: .*bag_0\.mcap"):
         BagReader(bag)
 
 

@@ -336,7 +336,7 @@ def test_killed_it_leaves_all_but_the_last_second_in_a_bag_that_can_be_made_whol
     recorder.kill()
     with pytest.raises(SystemExit) as stop:
         vgps(["bag", "check", str(bag)])
-    assert "was not closed: it lacks metadata.yaml and the index of bag_0.mcap" in stop.value.code
+    assert "was not closed, or is damaged (it has no metadata.yaml)" in stop.value.code
     vgps(["bag", "reindex", str(bag)])
     recorded = rows(bag)["/joint_states"]
     stamps = [deserialize_message(data, JointState).header.stamp.sec for data in recorded]

@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from tests.bags.altered import SAMPLE, copy, fails, main, time_of_state, without
 from vgps_ros.bags import BagReader
-from vgps_ros.bags.writer import repair
+from vgps_ros.bags.repair import repair
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.__main__ import main as vgps
 from vgps_ros.tasks import make_task
@@ -163,9 +163,11 @@ def test_an_unfinished_bag_is_explained_and_made_whole(tmp_path, capsys):
     with file.open("r+b") as stream:
         stream.truncate(file.stat().st_size - 100_000)
     for command in ("check", "info", "rerun"):
-        fails([command, str(bag)], "was not closed: it lacks metadata.yaml and the index")
+        fails([command, str(bag)], "was not closed, or is damaged (it has no metadata.yaml); `vgps")
     main(["reindex", str(bag)])
-    assert "Rebuilt the index" in capsys.readouterr().out
+    rebuilt = capsys.readouterr()
+    assert f"Rebuilt {file}; bag_0.mcap.unfinished is what was there before." in rebuilt.out
+    assert "Not whole: bag_0.mcap: it breaks off at byte" in rebuilt.err
     main(["check", str(bag)])
     main(["reindex", str(bag)])
     assert "is whole" in capsys.readouterr().out

@@ -92,7 +92,6 @@ def check_bag(
     """
     found = BagCheck()
     with BagReader(path, namespace) as bag:
-        found.wrong += bag.damages
         model = compile_model(bag.mjcf())
         robots = {message.data for _, message in bag.decoded(bag.needed_topic(MJCF))}
         if len(robots) > 1:

@@ -41,7 +41,7 @@ class DataSet:
         time_step: time between two states [s].
         motions: the motions.
         bags: name of the bag of each motion.
-        faults: a sentence on each part of a bag that is damaged, or in which states are missing.
+        faults: a sentence on each part of a bag in which states are missing.
     """
 
     mjcf: str

@@ -147,10 +147,9 @@ def episodes(
     Args:
         bag: the bag.
         model: the robot.
-        faults: takes a sentence on each part of the bag that is damaged or has no states.
+        faults: takes a sentence on each part of the bag that has no states.
     """
     faults = [] if faults is None else faults
-    faults += bag.damages
     motions = read_motions(bag, StateMessages(state_layout(model)), faults)
     ends = [motion[0].received for motion in motions[1:]]
     controls = _controls(bag, model)

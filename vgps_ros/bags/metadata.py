@@ -9,41 +9,99 @@ write it anew, unless it is signed:
     ssh-keygen -Y verify -n vgps-bag -f ALLOWED_SIGNERS -I NAME -s SHA256SUMS.sig < SHA256SUMS
 """
 
+import fcntl
 import hashlib
 import os
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from vgps_ros.bags.mcap_file import FileSummary, Topic
-from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.storage.files import read_yaml, replacing
+from vgps_ros.storage.files import replacing
 
 FILE_NAME, DIGESTS = "metadata.yaml", "SHA256SUMS"
-_FOREIGN_STORAGE, _FOREIGN_MODES = ("sqlite3",), ("file", "message", "FILE", "MESSAGE")
-_LARGEST = 2**24  # of a description that is read [bytes]
+_LARGEST = 2**24  # of a list of digests that is read [bytes]
 
 
-def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> str:
-    """Returns the description of a bag as YAML. Each file of the bag holds it, too."""
-    written = [file for file in files if file.message_count]
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag.
+
+    Attributes:
+        name: its full name.
+        kind: its type, such as `sensor_msgs/msg/JointState`.
+        type_hash: RIHS01 hash of the type, as the graph has it.
+        qos: profiles that its publishers offer, as `metadata.yaml` has them.
+        definition: the type's definition, with those of its fields.
+    """
+
+    name: str
+    kind: str
+    type_hash: str
+    qos: Sequence[dict[str, Any]]
+    definition: str = ""
+
+
+@dataclass
+class FileSummary:
+    """Counts the messages of one file of a bag.
+
+    Attributes:
+        name: name of the file in the folder of the bag.
+        start: time at which its first message was received [ns]; 0 if there is none.
+        end: time at which its last message was received [ns]; 0 if there is none.
+        counts: number of messages of each topic.
+    """
+
+    name: str
+    start: int = 0
+    end: int = 0
+    counts: Counter[Any] = field(default_factory=Counter)
+
+    def add(self, topic: Any, stamp: int) -> None:
+        """Counts a message by its topic and its time of receipt [ns]."""
+        self.counts[topic] += 1
+        self.end = max(self.end, stamp)
+        self.start = min(self.start or stamp, stamp)
+
+
+def storage_files(path: Path) -> list[Path]:
+    """Returns the `.mcap` files in a bag's folder, in the order in which they were written."""
+    found = [file for file in path.glob("*.mcap") if file.is_file()]  # no pipe, no device
+    return sorted(found, key=lambda file: (len(file.name), file.name))
+
+
+def is_being_written(path: Path) -> bool:
+    """Returns whether a `BagWriter` of some process still writes the file."""
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
+def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> dict[str, Any]:
+    """Returns the description of a bag, or of one of its files."""
+    written = [file for file in files if file.counts.total()]
     start = min((file.start for file in written), default=0)
     end = max((file.end for file in written), default=0)
-    information = {
+    return {
         "version": 9,
         "storage_identifier": "mcap",
         "duration": {"nanoseconds": end - start},
         "starting_time": {"nanoseconds_since_epoch": start},
-        "message_count": sum(file.message_count for file in files),
+        "message_count": sum(file.counts.total() for file in files),
         "topics_with_message_count": [
             {
                 "topic_metadata": {
                     "name": topic.name,
                     "type": topic.kind,
-                    "serialization_format": topic.serialization,
+                    "serialization_format": "cdr",
                     "offered_qos_profiles": list(topic.qos),
                     "type_description_hash": topic.type_hash,
                 },
@@ -60,53 +118,24 @@ def bag_information(topics: Iterable[Topic], files: Sequence[FileSummary]) -> st
                 "path": file.name,
                 "starting_time": {"nanoseconds_since_epoch": file.start},
                 "duration": {"nanoseconds": file.end - file.start},
-                "message_count": file.message_count,
+                "message_count": file.counts.total(),
             }
             for file in files
         ],
         "custom_data": None,
         "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
     }
-    return yaml.safe_dump(information, sort_keys=False)
 
 
-def read_metadata(folder: Path) -> tuple[list[str], dict[str, str]] | None:
-    """Returns the names of a bag's files, without folders; None if not all can be read.
-
-    And the type hash of each topic, which some writers put nowhere else.
-
-    Raises:
-        InvalidInputError: `metadata.yaml` is of a bag that is not read here.
-    """
-    path = folder / FILE_NAME
-    if not path.is_file() or path.stat().st_size > _LARGEST:
-        return None
-    try:
-        content: Any = read_yaml(path.read_text(errors="replace"), f"'{path}'")
-        information = content["rosbag2_bagfile_information"]
-        storage, mode = information["storage_identifier"], information["compression_mode"]
-        names = [Path(str(name)).name for name in information["relative_file_paths"]]
-        topics = [each["topic_metadata"] for each in information["topics_with_message_count"]]
-        hashes = {str(t["name"]): str(t.get("type_description_hash", "")).strip() for t in topics}
-    except (InvalidInputError, AttributeError, KeyError, TypeError):
-        return None
-    if storage in _FOREIGN_STORAGE or mode in _FOREIGN_MODES:
-        raise InvalidInputError(
-            f"'{folder}' is not a bag that can be read: its storage is {storage} with the "
-            f"compression mode {mode!r}, and only mcap with compressed chunks is read."
-        )
-    return names, hashes
-
-
-def write_metadata(folder: Path, information: str) -> None:
+def write_metadata(folder: Path, topics: Iterable[Topic], files: Sequence[FileSummary]) -> None:
     """Writes `metadata.yaml` as a whole or not at all.
 
     Raises:
         OSError: the file cannot be written; an earlier version of it is still there.
     """
-    indented = "".join(f"  {line}\n" for line in information.splitlines())
+    content = {"rosbag2_bagfile_information": bag_information(topics, files)}
     with replacing(folder / FILE_NAME) as file:
-        file.write(f"rosbag2_bagfile_information:\n{indented}".encode())
+        file.write(yaml.safe_dump(content, sort_keys=False).encode())
 
 
 def write_digests(folder: Path, digests: Mapping[str, str]) -> None:

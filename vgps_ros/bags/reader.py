@@ -2,19 +2,18 @@
 """Reads rosbag2 bags: their topics, and their messages in the order they were received."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
-from itertools import count
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Nodetype
-from rosbags.interfaces.typing import FieldDesc, Typesdict
+from mcap.reader import make_reader
+from mcap.records import Attachment
+from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from vgps_ros.bags.mcap_file import McapFile, is_being_written
-from vgps_ros.bags.metadata import FILE_NAME, read_metadata
+from vgps_ros.bags.metadata import FILE_NAME, is_being_written, storage_files
 from vgps_ros.core.checks import one_of, told
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash
@@ -23,8 +22,6 @@ from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash
 _OF_A_ROBOT = {"joint_states", "joint_command", "policy", "onnx_policy", MJCF, URDF}
 
 _OWN = "vgps_msgs/msg/"
-_LONGEST = 2**18  # definition that is read [characters]
-_MOST_PARTS = 1024  # of arrays of a fixed size, for each of which rosbags writes lines of code
 
 
 @dataclass(frozen=True)
@@ -60,41 +57,48 @@ class BagReader:
         counts: number of messages of each topic.
         start: time at which the first message was received [ns].
         duration: time from the first message to the last one [ns].
-        files: what was found in each file.
         qos: QoS profiles that the publishers of each topic offered, as in `metadata.yaml`.
-        damages: a sentence on each part of the files that is damaged; all the rest is read.
 
     Raises:
-        InvalidInputError: the folder is not a bag, or its recorder did not close it.
+        InvalidInputError: the folder is not a bag, its recorder did not close it, or it is damaged.
     """
 
     def __init__(self, path: Path, namespace: str | None = None):
         self.path, self.namespace = path, namespace
-        if not path.is_dir():
-            raise InvalidInputError(f"'{path}' is not a bag: name the folder with {FILE_NAME}.")
-        self.files = [McapFile(file) for file in storage_files(path)]
-        if missing := missing_parts(path, self.files):
-            raise InvalidInputError(missing)
-        topics = [topic for file in self.files for topic in file.topics.values()]
-        self.topics = {topic.name: topic.kind for topic in topics}
-        _, told = read_metadata(path) or ((), {})
-        self.type_hashes = {t.name: t.type_hash or told.get(t.name, "") for t in topics}
-        self.qos = {topic.name: list(topic.qos) for topic in topics}
-        counts = sum((Counter(file.summary.counts) for file in self.files), Counter[str]())
-        self.counts = {topic: counts[topic] for topic in self.topics}
-        written = [file.summary for file in self.files if file.summary.message_count]
-        self.start = min((summary.start for summary in written), default=0)
-        self.duration = max((summary.end for summary in written), default=0) - self.start
-        self.damages = [sentence for file in self.files for sentence in file.damages]
+        if not (path / FILE_NAME).exists():
+            raise self._unreadable(FileNotFoundError(f"it has no {FILE_NAME}"))
+        try:
+            self._reader = Reader(path)
+            self._reader.open()
+        except Exception as error:  # of many kinds, raised deep inside rosbags
+            raise self._unreadable(error) from error
+        connections: list[Any] = self._reader.connections
+        self.topics = {of.topic: of.msgtype for of in connections}
+        self.type_hashes = {of.topic: of.digest for of in connections}
+        self.qos: dict[str, Any] = {
+            of.topic: dump_qos_v9(of.ext.offered_qos_profiles) for of in connections
+        }
+        self.counts = Counter[str]()
+        for of in connections:
+            self.counts[of.topic] += of.msgcount
+        is_filled = bool(self._reader.message_count)
+        self.start = self._reader.start_time * is_filled
+        self.duration = self._reader.duration - is_filled
+        self._definitions = {of.msgtype: of.msgdef.data for of in connections}
+        self._store = get_typestore(Stores.EMPTY)
         self._checked: set[str] = set()  # types of vgps_msgs that are the installed ones
-        self._decoder = Decoder({topic.kind: topic.definition for topic in topics})
 
     def __enter__(self) -> "BagReader":
         """Returns the open bag."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Ends the use of the bag."""
+        """Closes the bag."""
+        self.close()
+
+    def close(self) -> None:
+        """Closes the bag."""
+        self._reader.close()
 
     @property
     def filled_topics(self) -> dict[str, str]:
@@ -179,34 +183,37 @@ class BagReader:
         return {name: data.decode(errors="replace") for name, data in self.attached().items()}
 
     def attached(self) -> dict[str, bytes]:
-        """Returns all that is attached to the bag, which need not be text, by its names."""
-        return {a.name: a.data for file in self.files for a in file.attachments}
+        """Returns all that is attached to the bag, which need not be text, by its names.
+
+        Raises:
+            InvalidInputError: the bag is damaged.
+        """
+        try:
+            return {a.name: a.data for file in storage_files(self.path) for a in _attachments(file)}
+        except Exception as error:  # of many kinds, raised deep inside mcap
+            raise self._unreadable(error) from error
 
     def messages(self, topics: Sequence[str] | None = None) -> Iterator[BagMessage]:
-        """Yields messages in the order in which they were received.
+        """Yields the messages of each file in the order in which they were received.
 
         Args:
             topics: topics whose messages are read; all topics if None.
 
         Raises:
-            InvalidInputError: a topic is not in the bag.
+            InvalidInputError: a topic is not in the bag, or the bag is damaged.
         """
         for topic in topics or ():
             one_of("topic", topic, self.topics)
-        wanted = self.topics if topics is None else topics
-        pieces = [(piece.start, i, piece) for i, f in enumerate(self.files) for piece in f.pieces]
-        # Chunks overlap in time where topics do, so messages wait for those of the chunks to come.
-        waiting: list[tuple[int, int, BagMessage]] = []
-        order = count()
-        for start, file, piece in sorted(pieces, key=lambda one: one[:2]):
-            while waiting and waiting[0][0] < start:
-                yield heappop(waiting)[2]
-            for of, raw in self.files[file].messages([piece]):
-                if of.name in wanted:
-                    message = BagMessage(of.name, of.kind, raw.log_time, raw.data)
-                    heappush(waiting, (raw.log_time, next(order), message))
-        while waiting:
-            yield heappop(waiting)[2]
+        wanted = [of for of in self._reader.connections if topics is None or of.topic in topics]
+        found = not sum(self.counts[of.topic] for of in wanted)
+        try:
+            for of, stamp, data in self._reader.messages(wanted) if wanted else ():
+                found = True
+                yield BagMessage(of.topic, of.msgtype, stamp, data)
+        except Exception as error:  # of many kinds, raised deep inside rosbags
+            raise self._unreadable(error) from error
+        if not found:
+            raise self._unreadable(ValueError("the messages that it tells of are not there"))
 
     def decoded(self, *topics: str, refused: list[str] | None = None) -> Iterator[tuple[int, Any]]:
         """Yields the time of receipt [ns] and the decoded message, for each message of some topics.
@@ -241,7 +248,9 @@ class BagReader:
         try:
             if message.kind.startswith(_OWN):
                 self._check_definition(message.kind)
-            return self._decoder.decode(message.data, message.kind)
+            return self._by_store(
+                message.kind, lambda: self._store.deserialize_cdr(message.data, message.kind)
+            )
         except InvalidInputError as error:
             raise InvalidInputError(
                 f"A message on {message.topic} at {message.stamp} ns is not a "
@@ -249,118 +258,38 @@ class BagReader:
             ) from error
 
     def _check_definition(self, kind: str) -> None:
-        if kind not in self._checked and self._decoder.type_hash(kind) != installed_hash(kind):
-            raise InvalidInputError(
-                "it was recorded with another definition than the installed one; use the version "
-                f"that `vgps bag info {self.path}` names"
-            )
-        self._checked.add(kind)
-
-
-def storage_files(path: Path) -> list[Path]:
-    """Returns the `.mcap` files in a bag's folder, in the order in which they were written.
-
-    Raises:
-        InvalidInputError: the folder has no such file.
-    """
-    found = [file for file in path.glob("*.mcap") if file.is_file()]  # no pipe, no device
-    files = sorted(found, key=lambda file: (len(file.name), file.name))
-    if not files:
-        raise InvalidInputError(
-            f"'{path}' is not a bag: it must be a folder with .mcap files, and there is none."
-        )
-    return files
-
-
-def missing_parts(path: Path, files: Sequence[McapFile] = ()) -> str:
-    """Returns a sentence on what a bag lacks and what can be read of it; "" if it is complete.
-
-    Raises:
-        InvalidInputError: the folder has no `.mcap` file, or its description cannot be read.
-    """
-    files = files or [McapFile(file) for file in storage_files(path)]
-    lacks = [f"the index of {file.path.name}" for file in files if not file.is_complete]
-    if (described := read_metadata(path)) is None:
-        lacks.insert(0, f"a whole {FILE_NAME}" if (path / FILE_NAME).exists() else FILE_NAME)
-    elif absent := set(described[0]) - {file.path.name for file in files}:
-        lacks.insert(0, f"the file {', '.join(sorted(absent))}")
-    if not lacks:
-        return ""
-    if any(is_being_written(file.path) for file in files):
-        return f"The bag '{path}' is still being recorded; end its recorder first."
-    written = [file.summary for file in files if file.summary.message_count]
-    if not written:
-        return (
-            f"'{path}' lacks {' and '.join(lacks)}, and no message in it can be read: it is no "
-            "bag, or all of it is lost; name another one."
-        )
-    count = sum(summary.message_count for summary in written)
-    duration = max(s.end for s in written) - min(s.start for s in written)
-    return (
-        f"The bag '{path}' was not closed: it lacks {' and '.join(lacks)}. {count} messages over "
-        f"{duration * 1e-9:.3f} s can be read, and all others are lost; "
-        f"`vgps bag reindex {path}` repairs it."
-    )
-
-
-class Decoder:
-    """Decodes messages with the definitions of types by name, which an untrusted bag holds."""
-
-    def __init__(self, definitions: Mapping[str, str]):
-        self._definitions = definitions
-        self._store = get_typestore(Stores.EMPTY)
-        self._parts = 0
-
-    def decode(self, data: bytes, kind: str) -> Any:
-        """Returns an object that has the fields of a message, which is CDR, as attributes.
-
-        Raises:
-            InvalidInputError: the message does not fit the definition; the error ends with the
-                cause.
-        """
-        return self._by_store(kind, lambda: self._store.deserialize_cdr(data, kind))
-
-    def type_hash(self, kind: str) -> str:
-        """Returns the RIHS01 hash of a definition.
-
-        Raises:
-            InvalidInputError: it is no definition that is read.
-        """
-        return str(self._by_store(kind, lambda: self._store.hash_rihs01(kind)))
+        if kind not in self._checked:
+            recorded = self._by_store(kind, lambda: self._store.hash_rihs01(kind))
+            if recorded != installed_hash(kind):
+                raise InvalidInputError(
+                    "it was recorded with another definition than the installed one; use the "
+                    f"version that `vgps bag info {self.path}` names"
+                )
+            self._checked.add(kind)
 
     def _by_store(self, kind: str, found: Callable[[], Any]) -> Any:
         try:
             if kind not in self._store.fielddefs:
-                self._store.register(self._types(kind))
+                self._store.register(get_types_from_msg(self._definitions[kind], kind))
             return found()
         except Exception as error:  # of many kinds, raised deep inside rosbags
             raise InvalidInputError(told(error)) from error
 
-    def _types(self, kind: str) -> Typesdict:
-        """Reads a definition.
-
-        Raises:
-            ValueError: its code, or reading it, would take too much memory.
-            Exception: it is no definition.
-        """
-        definition = self._definitions[kind]
-        if len(definition) > _LONGEST:
-            raise ValueError(
-                f"its definition has {len(definition)} characters, and at most {_LONGEST} are read"
+    def _unreadable(self, cause: Exception) -> InvalidInputError:
+        """Returns the error of a bag that is not whole."""
+        path, files = self.path, storage_files(self.path)
+        if not (files or (path / FILE_NAME).is_file()):
+            sentence = f"'{path}' is not a bag: name a folder with {FILE_NAME} and .mcap files."
+        elif any(is_being_written(file) for file in files):
+            sentence = f"The bag '{path}' is still being recorded; end its recorder first."
+        else:
+            sentence = (
+                f"The bag '{path}' was not closed, or is damaged ({told(cause)}); "
+                f"`vgps bag reindex {path}` keeps what can be read."
             )
-        types = get_types_from_msg(definition, kind)
-        self._parts += sum(_parts(field) for _, fields in types.values() for _, field in fields)
-        if self._parts > _MOST_PARTS:
-            raise ValueError(
-                f"with its definition there are {self._parts} texts and messages in arrays of a "
-                f"fixed size, and at most {_MOST_PARTS} are read"
-            )
-        return types
+        return InvalidInputError(sentence)
 
 
-def _parts(field: FieldDesc) -> int:
-    """Returns how many parts a field has that are decoded one by one, as numbers are not."""
-    if field[0] != Nodetype.ARRAY:
-        return 0
-    (kind, name), size = field[1]
-    return 0 if kind == Nodetype.BASE and name[0] not in ("string", "wstring") else int(size)
+def _attachments(path: Path) -> Iterator[Attachment]:
+    with path.open("rb") as file:
+        yield from make_reader(file).iter_attachments()

@@ -72,7 +72,7 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             state_covariances=last.state_covariances if last else None,
             executed_states=episode.states if episode else None,
             driven=_driven(bag, episode) if episode and CONTEXT in topics else None,
-            faults=tuple(faults or bag.damages),
+            faults=tuple(faults),
         )
 
 

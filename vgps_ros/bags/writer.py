@@ -13,36 +13,34 @@ import os
 import re
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
-from mcap.records import Attachment, Channel, Schema
-from mcap.well_known import Profile, SchemaEncoding
+from mcap.records import Attachment
+from mcap.well_known import MessageEncoding, Profile, SchemaEncoding
 from mcap.writer import CompressionType, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from vgps_ros.bags.mcap_file import FileSummary, McapFile, Topic, is_being_written
 from vgps_ros.bags.metadata import (
+    DIGESTS,
     FILE_NAME,
+    FileSummary,
+    Topic,
     bag_information,
-    file_digest,
-    read_metadata,
     write_digests,
     write_metadata,
 )
-from vgps_ros.bags.reader import storage_files
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.messages.names import file_of
 
 COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
+CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
 
-_CHUNK_SIZE = 2**18  # small enough that decoding one does not hold up a replay [bytes]
 _PERIOD = 0.05  # between two looks for messages to write [s]
 _FLUSH_PERIOD = 0.4  # a killed recorder loses the messages of this time at most, and a moment [s]
 
@@ -86,7 +84,8 @@ class BagWriter:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self.fault = ""
-        self._compression = one_of("compression", compression, COMPRESSIONS)
+        one_of("compression", compression, COMPRESSIONS)
+        self._compression = CompressionType[compression.upper()]
         self._max_file_size = max_file_size
         self._max_file_duration = max_file_duration
         self._max_backlog = max_backlog
@@ -99,7 +98,7 @@ class BagWriter:
         # All below belongs to the writing thread.
         self._attachments: dict[str, Attachment] = {}
         self._known: dict[str, Topic] = {}
-        self._files: list[_BagFile] = []
+        self._files: list[_HashedFile] = []
         try:
             path.mkdir(parents=True)
             self._begin_file()
@@ -177,10 +176,9 @@ class BagWriter:
             raise self._unfinished(self.fault)
         writing = FILE_NAME
         try:
-            write_metadata(self.path, self._information())
-            writing = "SHA256SUMS"
-            digests = {file.on_disk.path.name: file.on_disk.sha256 for file in self._files}
-            write_digests(self.path, {name: sha.hexdigest() for name, sha in digests.items()})
+            write_metadata(self.path, self._known.values(), [f.summary for f in self._files])
+            writing = DIGESTS
+            write_digests(self.path, {f.path.name: f.sha256.hexdigest() for f in self._files})
         except OSError as error:
             raise self._unfinished(f"{writing} cannot be written, {error.strerror}.") from error
 
@@ -199,9 +197,6 @@ class BagWriter:
     def _wait(self) -> None:
         while self._done_works < self._put_works:
             time.sleep(0.005)
-
-    def _information(self) -> str:
-        return bag_information(self._known.values(), [file.summary for file in self._files])
 
     # The writing thread
 
@@ -225,50 +220,78 @@ class BagWriter:
         try:
             work(*arguments)
         except OSError as error:
-            saved = sum(each.summary.message_count - each.unsaved for each in self._files)
-            self._dropped = self._seen - saved
-            file = self._files[-1]
-            file.on_disk.close()
+            taken = sum(file.summary.counts.total() for file in self._files)
+            self._dropped = self._seen - (taken - self._unsaved)
+            self._files[-1].close()
             self.fault = (
-                f"Cannot write to '{file.on_disk.path}': {error.strerror}; make room on the disk, "
-                "and start a new recording."
+                f"Cannot write to '{self._files[-1].path}': {error.strerror}; make room on the "
+                "disk, and start a new recording."
             )
 
     def _begin_file(self) -> None:
         """Begins a file, which has all topics and attachments of those before it."""
         name = f"{self.path.name}_{len(self._files)}.mcap"  # as rosbag2 counts them
-        file = _BagFile(_HashedFile(self.path / name), self._compression)
-        self._files.append(file)
+        self._files.append(_HashedFile(self.path / name))
+        self._mcap = Writer(self._files[-1], 2**62, self._compression)  # type: ignore[arg-type]
+        self._mcap.start(Profile.ROS2, "vgps_ros")
+        self._schemas: dict[str, int] = {}  # by the type
+        self._channels: dict[str, int] = {}  # by the topic
+        self._unsaved = self._size = 0  # messages and bytes of the chunk that is not on the disk
         self._flushed = time.monotonic()
         for topic in self._known.values():
-            file.add_topic(topic)
+            self._add_topic(topic)
         for attachment in self._attachments.values():
-            file.attach(attachment)
+            self._attach(attachment)
 
     def _add_topic(self, topic: Topic) -> None:
         self._known[topic.name] = topic
-        self._files[-1].add_topic(topic)
+        metadata = {
+            "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
+            "topic_type_hash": topic.type_hash,
+        }
+        if topic.kind not in self._schemas:
+            schema = topic.kind, SchemaEncoding.ROS2, topic.definition.encode()
+            self._schemas[topic.kind] = self._mcap.register_schema(*schema)
+        self._channels[topic.name] = self._mcap.register_channel(
+            topic.name, MessageEncoding.CDR, self._schemas[topic.kind], metadata
+        )
 
     def _attach(self, attachment: Attachment) -> None:
-        self._attachments[attachment.name] = attachment
-        self._files[-1].attach(attachment)
+        self._attachments[attachment.name] = of = attachment
+        self._flush()
+        self._mcap.add_attachment(of.create_time, of.log_time, of.name, of.media_type, of.data)
 
     def _write(self, topic: str, stamp: int, data: bytes) -> None:
         self._seen += 1
-        size, duration, file = self._max_file_size, self._max_file_duration, self._files[-1]
-        is_long = duration and file.start and stamp - file.start >= duration
-        if is_long or (size and file.on_disk.size >= size):
+        file, most = self._files[-1], self._max_file_duration
+        is_long = most and file.summary.start and stamp - file.summary.start >= most
+        if is_long or (self._max_file_size and file.size >= self._max_file_size):
             self._finish()
             self._begin_file()
-        self._files[-1].write(topic, stamp, data)
+        self._files[-1].summary.add(topic, stamp)
+        self._unsaved += 1
+        self._size += len(data)
+        self._mcap.add_message(self._channels[topic], stamp, data, stamp)
+        if self._size > CHUNK_SIZE:
+            self._flush()
 
     def _flush(self) -> None:
-        self._files[-1].flush()
+        """Hands all messages so far to the file, as a chunk."""
+        before = self._files[-1].size
+        try:
+            self._mcap.flush()
+        finally:
+            if self._files[-1].size > before:
+                self._unsaved = self._size = 0
         self._flushed = time.monotonic()
 
     def _finish(self) -> None:
-        self._files[-1].finish(self._information())
-        self._files[-1].on_disk.close()
+        """Completes a file with what rosbag2 says of it, and its index."""
+        self._flush()
+        said = yaml.safe_dump(bag_information(self._known.values(), [self._files[-1].summary]))
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": said})
+        self._mcap.finish()
+        self._files[-1].close()
         self._flushed = math.inf
 
 
@@ -277,28 +300,26 @@ class _HashedFile:
 
     Attributes:
         path: the file.
-        size: bytes on the disk.
-        sha256: digest of what is on the disk.
+        summary: times and counts of all messages that were written to it.
+        size: bytes of all blocks that are on the disk.
+        sha256: digest of these.
     """
 
     def __init__(self, path: Path):
-        self.path, self.size, self.sha256 = path, 0, hashlib.sha256()
+        self.path, self.summary = path, FileSummary(path.name)
+        self.size, self.sha256 = 0, hashlib.sha256()
         self._file = path.open("xb", buffering=0)
         fcntl.flock(self._file, fcntl.LOCK_EX)
 
     def write(self, block: bytes) -> int:
-        """Appends a block, all of it or nothing.
+        """Appends a block.
 
         Raises:
-            OSError: the disk does not take it.
+            OSError: the disk does not take it, or not all of it.
         """
         rest, end = memoryview(block), self.size + len(block)
-        try:
-            while rest:
-                rest = rest[os.pwrite(self._file.fileno(), rest, end - len(rest)) :]
-        except OSError:
-            self._file.truncate(self.size)
-            raise
+        while rest:
+            rest = rest[os.pwrite(self._file.fileno(), rest, end - len(rest)) :]
         self.size = end
         self.sha256.update(block)
         return len(block)
@@ -313,152 +334,6 @@ class _HashedFile:
     def close(self) -> None:
         """Closes the file."""
         self._file.close()
-
-
-class _BagFile:
-    """One file of a bag, written by mcap as rosbag2 writes it.
-
-    Attributes:
-        on_disk: where it is written.
-        start: when the first message was received [ns]; 0 if there is none.
-        end: when the last message was received [ns]; 0 if there is none.
-        unsaved: number of messages of the chunk that is not on the disk yet.
-    """
-
-    def __init__(self, on_disk: Any, compression: str):
-        self.on_disk = on_disk
-        self.start = self.end = self.unsaved = self._size = 0
-        self._counts: Counter[str] = Counter()
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._channels: dict[str | int, tuple[int, str]] = {}
-        kind = CompressionType[compression.upper()]
-        self._writer = Writer(on_disk, chunk_size=2**62, compression=kind)  # chunks end by `flush`
-        self._writer.start(Profile.ROS2, "vgps_ros")
-
-    @property
-    def summary(self) -> FileSummary:
-        """Summary of all that was written to the file."""
-        return FileSummary(self.on_disk.path.name, self.start, self.end, dict(self._counts))
-
-    def add_topic(self, topic: Topic) -> None:
-        """Adds a topic; messages name it."""
-        metadata = {
-            "offered_qos_profiles": yaml.safe_dump(list(topic.qos), sort_keys=False),
-            "topic_type_hash": topic.type_hash,
-        }
-        channel = Channel(0, topic.name, topic.serialization, metadata, 0)
-        schema = Schema(0, topic.definition.encode(), SchemaEncoding.ROS2, topic.kind)
-        self.add_channel(topic.name, channel, schema)
-
-    def add_channel(self, key: str | int, channel: Channel, schema: Schema | None) -> None:
-        """Adds a channel; messages name it by its key."""
-        number = 0
-        if schema:
-            content = schema.name, schema.encoding, schema.data
-            if content not in self._schemas:
-                self._schemas[content] = self._writer.register_schema(*content)
-            number = self._schemas[content]
-        of = channel
-        number = self._writer.register_channel(of.topic, of.message_encoding, number, of.metadata)
-        self._channels[key] = number, channel.topic
-        self._counts[channel.topic] += 0
-
-    def write(
-        self, key: str | int, stamp: int, data: bytes, sequence: int = 0, sent: int | None = None
-    ) -> None:
-        """Writes a message, with its times of receipt and of sending [ns]."""
-        channel, topic = self._channels[key]
-        self._counts[topic] += 1
-        self.end = max(self.end, stamp)
-        self.start = min(self.start or stamp, stamp)
-        self.unsaved += 1
-        self._size += len(data)
-        self._writer.add_message(channel, stamp, data, stamp if sent is None else sent, sequence)
-        if self._size > _CHUNK_SIZE:
-            self.flush()
-
-    def attach(self, attachment: Attachment) -> None:
-        """Adds a named text; of several with one name the last one counts."""
-        self.flush()
-        of = attachment
-        self._writer.add_attachment(of.create_time, of.log_time, of.name, of.media_type, of.data)
-
-    def flush(self) -> None:
-        """Hands all messages so far to the file, as a chunk."""
-        before = self.on_disk.tell()
-        try:
-            self._writer.flush()
-        finally:
-            if self.on_disk.tell() > before:
-                self.unsaved = self._size = 0
-
-    def finish(self, information: str) -> None:
-        """Adds `metadata.yaml`, as rosbag2 does, and the index."""
-        self.flush()
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": information})
-        self._writer.finish()
-
-
-def repair(path: Path) -> list[Path]:
-    """Rebuilds `metadata.yaml`, and each file that has no index or is damaged.
-
-    The original of a rebuilt file is kept, with `.unfinished` at the end of its name.
-
-    Returns:
-        The files that were rebuilt.
-
-    Raises:
-        InvalidInputError: the folder has no `.mcap` file, nothing can be read of any, or one is
-            still being written.
-        OSError: the disk is full; nothing is lost, and the call can be repeated.
-    """
-    for file in storage_files(path):
-        if is_being_written(file):
-            raise InvalidInputError(f"'{file}' is still being recorded; end its recorder first.")
-    contents = [McapFile(file) for file in storage_files(path)]
-    known = [content for content in contents if content.topics]
-    if not known:
-        raise InvalidInputError(f"'{path}' cannot be rebuilt: not one of its messages can be read.")
-    topics: dict[str, Topic] = {}
-    _, hashes = read_metadata(path) or ((), {})
-    for topic in (topic for content in known for topic in content.topics.values()):
-        type_hash = topic.type_hash or hashes.get(topic.name, "")
-        topics.setdefault(topic.name, replace(topic, type_hash=type_hash))
-    information = bag_information(topics.values(), [content.summary for content in known])
-    rebuilt = [c for c in known if c.damages or not c.is_complete]
-    for content in rebuilt:
-        _rebuild(content, information)
-    for content in contents:
-        if not content.topics:  # the recorder was killed before the first message was on the disk
-            os.replace(content.path, _unfinished_path(content.path))
-    write_metadata(path, information)
-    write_digests(path, {content.path.name: file_digest(content.path) for content in known})
-    return [content.path for content in rebuilt]
-
-
-def _rebuild(content: McapFile, information: str) -> None:
-    file = content.path
-    partial = file.with_name(f"{file.name}.partial")
-    try:
-        with partial.open("wb") as output:
-            writer = _BagFile(output, content.compression or "none")
-            for number, (channel, schema) in content.channels.items():
-                writer.add_channel(number, channel, schema)
-            for attachment in content.attachments:
-                writer.attach(attachment)
-            for _, one in content.messages(content.pieces):
-                sent = one.publish_time
-                writer.write(one.channel_id, one.log_time, one.data, one.sequence, sent)
-            writer.finish(information)
-    except OSError:
-        partial.unlink(missing_ok=True)  # half a file would only fill the disk
-        raise
-    os.replace(file, _unfinished_path(file))
-    os.replace(partial, file)
-
-
-def _unfinished_path(file: Path) -> Path:
-    return file.with_name(f"{file.name}.unfinished")
 
 
 class MessageDefinitions:

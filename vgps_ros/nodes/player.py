@@ -84,8 +84,6 @@ class Player(Node):
             raise InvalidInputError("bag is '', but it must name the folder of a bag.")
         self._bag = BagReader(Path(path))
         self._duration = self._bag.duration * 1e-9  # [s]
-        for sentence in self._bag.damages:
-            self.get_logger().warning(f"Does not play what is damaged: {sentence}.")
         self._replayed: dict[str, Publisher] = {}
         self._played: Counter[str] = Counter()
         self._is_closing = threading.Event()
@@ -123,6 +121,7 @@ class Player(Node):
         self._is_closing.set()
         if self._thread.ident:
             self._thread.join()
+        self._bag.close()
         print(
             f"Played {self._played.total()} messages of {len(self._played)} topics of "
             f"{self._bag.path}, up to {self._playback.position:.2f} s.",
@@ -191,9 +190,15 @@ class Player(Node):
 
     def _play(self) -> None:
         try:
-            with self._bag:
+            try:
                 self._playback.run()
-            self._settle()
+            finally:  # also of what comes before damage in the bag
+                self._settle()
+            if not (self._played or self._is_stopped or self._is_closing.is_set()):
+                raise InvalidInputError(
+                    f"start_offset is {self._settings.start_offset:g} s, but the bag is only "
+                    f"{self._duration:.2f} s long."
+                )
         except VgpsError as error:
             self._error = error
         except Exception as error:
@@ -214,19 +219,12 @@ class Player(Node):
         A subscriber acknowledges the last messages when the middleware asks it the next time, which
         may take seconds.
         """
-        if self._is_closing.is_set():
-            return
-        if not (self._played or self._is_stopped):
-            raise InvalidInputError(
-                f"start_offset is {self._settings.start_offset:g} s, but the bag is only "
-                f"{self._duration:.2f} s long."
-            )
         end, at_once = time.monotonic() + _ACKNOWLEDGEMENT_TIMEOUT, Duration()
-        while not all(p.wait_for_all_acked(at_once) for p in self._replayed.values()):
+        while not self._is_closing.wait(0.02):
+            if all(p.wait_for_all_acked(at_once) for p in self._replayed.values()):
+                return
             if time.monotonic() > end:
                 self.get_logger().warning("Some subscriber has not acknowledged all messages.")
-                return
-            if self._is_closing.wait(0.02):
                 return
 
     # The node's thread

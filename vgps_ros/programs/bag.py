@@ -46,12 +46,10 @@ def info(arguments: argparse.Namespace) -> None:
             "messages": sum(bag.counts.values()),
             "start": bag.start * 1e-9 if any(bag.counts.values()) else 0.0,
             "duration": seconds,
-            "size": sum(file.stat().st_size for file in path.glob("*.mcap")),
+            "size": sum(file.stat().st_size for file in path.iterdir()),
             "topics": topics,
             "attachments": {n: _to_json(data) for n, data in bag.attached().items()},
-            "damages": bag.damages,
         }
-    _warn(content["damages"])
     if arguments.json:
         print(json.dumps(content, indent=2))
         return
@@ -164,20 +162,15 @@ def table(arguments: argparse.Namespace) -> None:
 
 def reindex(arguments: argparse.Namespace) -> None:
     """Rebuilds metadata.yaml and the index after a recorder was killed."""
-    from vgps_ros.bags.mcap_file import McapFile
-    from vgps_ros.bags.reader import missing_parts, storage_files
-    from vgps_ros.bags.writer import repair
+    from vgps_ros.bags.repair import repair
 
-    path = arguments.bag
-    files = [McapFile(file) for file in storage_files(path)]
-    damages = [sentence for file in files for sentence in file.damages]
-    if not (damages or missing_parts(path, files)):
-        print(f"'{path}' is whole; there is nothing to rebuild.")
-        return
-    _warn(damages)
-    for file in repair(path):
-        print(f"Rebuilt the index of {file}; {file.name}.unfinished is what was there before.")
-    print(f"Rebuilt {path / 'metadata.yaml'}.")
+    rebuilt = repair(arguments.bag)
+    for file, faults in rebuilt.items():
+        _warn(faults)
+        before = f"; {file.name}.unfinished is what was there before" if faults else ""
+        print(f"Rebuilt {file}{before}.")
+    if not rebuilt:
+        print(f"'{arguments.bag}' is whole; there is nothing to rebuild.")
 
 
 def _output(arguments: argparse.Namespace, ending: str) -> Path:
