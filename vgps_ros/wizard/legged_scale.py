@@ -14,11 +14,10 @@ import numpy as np
 
 from vgps_ros.wizard.robot import FREE, SLIDE, Robot
 
-_PERIOD = 0.1125  # of control, of √(l/g)
 _STEPS_A_PERIOD = 4  # of the simulator
 _HORIZON, _LOOKAHEAD = 50, 25  # [control periods]
 _MOTION, _SELECTION = 400, 500  # of the policy: for new situations, and to be chosen [periods]
-_SINKING = 0.035  # depth to which the weight sinks into the ground, of l
+_SINKING = 0.015  # depth to which the weight sinks into the ground, of l
 _CONTACT_WIDTH = 0.03  # depth at which contact is fully hard, of l
 _LIMIT = 0.23  # time constant of a joint's limit, of √(l/g)
 _SERVO_DAMPING, _SERVO_ARMATURE = 0.29, 0.034  # of its limit and √(l/g), l/g
@@ -28,7 +27,7 @@ _FLOOR = 3.4  # of the optimizer's regularization, by the velocities of joints, 
 _SLIP = 13.0  # weight of a foot's speed on the ground, of 1/(g l)
 _SWING = 0.12  # height of a swing, of l
 _START = (0.035, 0.06, 0.017)  # spread of starts: places by l, speeds by √(g l), rates by √(g/l)
-_LIMITS = (1.0, 1.2, 0.34)  # of marginals, alike
+_LIMITS = (1.0, 1.2, 0.64)  # of marginals, alike
 _START_ANGLE, _LIMIT_ANGLE = 0.01, 0.3  # [rad]
 _STRONGEST = 3.0  # torque of a joint that a robot of legs can use, of m g l
 _TIME = 0.172  # √(l/g) of a quadruped of 30 cm, for what has no legs [s]
@@ -40,6 +39,7 @@ class _Stance:
     """What differs by how many feet stand, and where.
 
     Attributes:
+        period: of control, of √(l/g).
         speed: fastest speed ahead, of √(g l).
         rate: of each foot's steps, of √(g/l).
         push: largest push, of m √(g l).
@@ -53,6 +53,7 @@ class _Stance:
         new_solves: those of a new situation.
     """
 
+    period: float
     speed: float
     rate: float
     push: float
@@ -66,15 +67,17 @@ class _Stance:
     new_solves: int
 
 
-_MANY = _Stance(0.4, 0.6, 1.8, 13.5, 0.12, 40.0, 20.0, 120.0, 22, 2, 16)
-_TWO = _Stance(0.22, 0.36, 0.1, 20.0, 0.08, 105.0, 50.0, 240.0, 26, 3, 24)  # may fall over its feet
-_ONE = replace(_TWO, rate=0.6, iterations=30, solves=2, new_solves=16)
-_IN_LINE = _Stance(0.22, 0.36, 0.4, 20.0, 0.08, 40.0, 20.0, 120.0, 22, 2, 16)  # as a cheetah's
+_MANY = _Stance(0.1125, 0.4, 0.6, 1.8, 13.5, 0.12, 40.0, 20.0, 120.0, 22, 2, 16)
+# Side by side: it may fall over its feet.
+_TWO = _Stance(0.1125, 0.22, 0.36, 0.1, 20.0, 0.08, 105.0, 50.0, 240.0, 26, 3, 24)
+_ONE = replace(_TWO, period=0.063, rate=0.6, iterations=30, solves=2, new_solves=16)  # it hops
+# One behind the other, as a cheetah's:
+_IN_LINE = _Stance(0.1125, 0.22, 0.36, 0.4, 20.0, 0.08, 40.0, 20.0, 120.0, 22, 2, 16)
 
 
 def legs_period(robot: Robot) -> float:
     """Returns the control period of a robot with legs, 50 Hz for a quadruped of 30 cm [s]."""
-    wanted = _PERIOD * robot.time
+    wanted = _stance(robot).period * robot.time
     grid = 1e-3 if wanted > 0.01 else 1e-4
     return round(max(1, round(wanted / grid)) * grid, 4)
 
