@@ -350,6 +350,10 @@ def test_a_drag_pushes_within_bounds_and_only_while_its_page_lives(graph):
         pushes_in(0.2)
         found = np.array([(f.x, f.y, f.z) for f in (m.wrench.force for m in pushes)])
         assert (np.abs(found) < 1e5).all(), value  # 100 times the weight, and none is NaN
+    page.close()  # which viser may have ceased to hear
+    pulse.close()
+    page = Page(address)
+    pulse = page.pulse()
     page.set(stiffness, 1.0)
     page.drag("start")
     assert pushes_in(1.0) > 0

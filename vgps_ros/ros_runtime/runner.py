@@ -258,5 +258,7 @@ def _show_help(runnables: Sequence[Runnable[Any]], name: str) -> None:
             changes = "" if descriptor.read_only else " [may change while it runs]"
             table.add_row(descriptor.name, str(default), descriptor.description + changes)
         print(sys.modules[runnable.make.__module__].__doc__)
-        width = None if sys.stdout.isatty() else 140  # rich would assume 80 in a pipe
-        Console(markup=False, emoji=False, width=width).print(table, highlight=False)
+        console = Console(markup=False, emoji=False)
+        if not console.is_terminal:  # where rich would assume 80 characters
+            console.width = max(console.width, 140)
+        console.print(table, highlight=False)
