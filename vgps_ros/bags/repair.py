@@ -70,7 +70,7 @@ def repair(path: Path) -> dict[Path, list[str]]:
 
 
 class _Content:
-    """What can be read of a file.
+    """Holds what can be read of a file.
 
     Attributes:
         path: the file.

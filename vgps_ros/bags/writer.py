@@ -125,7 +125,7 @@ class BagWriter:
 
     @property
     def backlog(self) -> int:
-        """What waits for the disk [bytes]."""
+        """Number of bytes that wait for the disk."""
         return self._put_bytes - self._done_bytes
 
     def add_topic(

@@ -111,7 +111,7 @@ def _fitted(layout: StateLayout, read: Reader, names: Sequence[str]) -> dict[str
 
 @dataclass(frozen=True, eq=False)
 class _Content:
-    """What the file holds."""
+    """Holds what a deployment file says."""
 
     name: str
     mjcf: str
