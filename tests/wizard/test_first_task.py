@@ -381,15 +381,32 @@ def test_wide_short_legs_are_two_as_well(written):
     assert "[joint_positions, joint_velocities, up, turning, velocity, commands, clock]" in text
 
 
+def weight_of(text):
+    return float(text.partition("{control: all, pose: start, weight: ")[2].partition("}")[0])
+
+
+def test_stiff_servos_pay_for_what_a_step_takes_and_not_for_their_little_force(written):
+    """A servo moves its joint by what it is told: where 3 N·m are .05 rad a step takes more."""
+    weights = [
+        weight_of(written(walker(*FOUR, motor="position", extra=SERVO.replace("30", force)))[0])
+        for force in ("3", "10")
+    ]
+    assert weights[0] == weights[1]
+    angle = (3.0 / weights[0]) ** 0.5
+    assert 0.5 < angle < 0.7
+    free = 'kp="60" kv="1" ctrlrange="-2.6 2.6"'  # whose force has no limit: as its load asks
+    assert weight_of(written(walker(*FOUR, motor="position", extra=free))[0]) <= weights[0]
+
+
 def test_servos_are_scored_from_their_pose_and_each_motor_by_its_own_limit(written):
-    text, _ = written(walker(*FOUR, motor="position", extra=SERVO))
-    assert "{control: all, pose: start, weight: 12}" in text
+    strong = walker(*FOUR, motor="position", extra=SERVO.replace("30", "60"))
+    assert weight_of(written(strong)[0]) == 3.0  # whose force is greatest 1 rad away
+    weight = weight_of(written(walker(*FOUR, motor="position", extra=SERVO))[0])
     late = walker(*FOUR, motor="general", extra=f'gainprm="60" biasprm="0 -60 -1" {LATE}')
     text, task = written(late)
     lead = 1 + (2 * np.pi * 0.1 * task.signals.frequency) ** 2  # at which 1 rad of the servo moves
     assert lead > 2
-    weight = float(text.partition("{control: all, pose: start, weight: ")[2].partition("}")[0])
-    assert weight == pytest.approx(12 / lead, rel=0.05)
+    assert weight_of(text) == pytest.approx(weight / lead, rel=0.05)
     # Its noise is no wilder for that: policies hear no motion through one beyond its limits.
     assert task.search["alphas"] == pytest.approx([0.4 * lead, 1.2 * lead], rel=0.05)
     strong = walker(*TWO, extra='ctrlrange="-10 10"').replace(

@@ -17,12 +17,12 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.records import Array
-from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
+from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind, Controls
 from vgps_ros.simulation.controls import controls_of, resting_controls
 from vgps_ros.simulation.model import joint_names
 from vgps_ros.tasks.builder import swap_parts
 from vgps_ros.tasks.schema import MOST_CONTACTS
-from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, strongest
+from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, stride, strongest
 from vgps_ros.wizard.robot import (
     BALL,
     FREE,
@@ -43,6 +43,7 @@ from vgps_ros.wizard.robot import (
 )
 
 _TEMPLATE = Path(__file__).with_name("first_task.template")
+_ANY_FORCE = 1e6  # from which on a force is as good as unlimited [N·m]
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
@@ -653,11 +654,10 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
     for i, (kind, high) in enumerate(zip(controls.kinds, controls.limits[1], strict=True)):
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0
-        if is_servo:  # the control from which on its force is greatest
-            force = controls.servo_forces[i]
-            limit = force / controls.stiffness[i] if force < 1e6 else _UNKNOWN_REACH
-            limit = (limit if robot.feet else min(limit, 1.0)) / abs(controls.scale[i])
-            limit = min(max(limit, ways[i]), np.ptp(controls.limits, axis=0)[i] / 2)  # goes there
+        if is_servo:
+            limit = max(_servo_reach(robot, controls, i), ways[i])
+            if not robot.feet:  # whose servos may weigh little, and get near their goal at once
+                limit = min(limit, np.ptp(controls.limits, axis=0)[i] / 2)
         weight = f"{strong / limit**2 / _lag_gains(robot)[i]:.2g}"
         groups.setdefault((is_servo, weight), []).append(model.actuator(i).name)
     return [
@@ -666,6 +666,26 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
         | {"weight": float(weight)}
         for (is_servo, weight), names in groups.items()
     ]
+
+
+def _servo_reach(robot: Robot, controls: Controls, i: int) -> float:
+    """Returns by how much a servo's control differs from its pose where it works hard.
+
+    It is where its force is greatest, and of a robot with legs at least what a step takes: a stiff
+    servo moves its joint by no more than it is told to, however strong it is.
+    """
+    model, stiffness = robot.model, controls.stiffness[i]
+    joint = int(model.actuator_trnid[i, 0]) if model.actuator_trntype[i] == _AT_JOINT else None
+    force = controls.servo_forces[i]
+    if force >= _ANY_FORCE:
+        force = _UNKNOWN_REACH * stiffness
+        if robot.feet and joint is not None:
+            force = _strength(robot, joint)
+    reach = force / stiffness
+    if robot.feet:
+        own = 0.0 if joint is None else float(model.dof_damping[model.jnt_dofadr[joint]])
+        reach = max(reach, stride(robot, stiffness, controls.damping[i] + own))
+    return float((reach if robot.feet else min(reach, 1.0)) / abs(controls.scale[i]))
 
 
 def _observations(robot: Robot) -> list[Any]:

@@ -30,6 +30,7 @@ _START = (0.035, 0.06, 0.017)  # spread of starts: places by l, speeds by √(g 
 _LIMITS = (1.0, 1.2, 0.64)  # of marginals, alike
 _START_ANGLE, _LIMIT_ANGLE = 0.01, 0.3  # [rad]
 _STRONGEST = 3.0  # torque of a joint that a robot of legs can use, of m g l
+_STRIDE = 0.53  # angle by which a joint moves in a step [rad]
 _TIME = 0.172  # √(l/g) of a quadruped of 30 cm, for what has no legs [s]
 _NOISE = {"position": 0.005, "velocity": 0.034, "turning": 0.0085, "up": 0.01, "speed": 0.02}
 
@@ -160,6 +161,20 @@ def servo_numbers(robot: Robot, limit: float) -> dict[str, float]:
     time = robot.time if robot.feet else _TIME
     damping, armature = _SERVO_DAMPING * time, _SERVO_ARMATURE * time**2
     return {"stiffness": 1.5 * limit, "damping": damping * limit, "armature": armature * limit}
+
+
+def stride(robot: Robot, stiffness: float, damping: float) -> float:
+    """Returns how far a servo's target leads in a step, for a joint that moves by a stride [rad].
+
+    A servo that is damped needs a target further away, the faster the robot steps.
+
+    Args:
+        robot: a robot with legs.
+        stiffness: of the servo [N·m/rad].
+        damping: of the servo and its joint [N·m·s/rad].
+    """
+    rate = 2.0 * np.pi * _stance(robot).rate / robot.time
+    return float(_STRIDE * np.hypot(1.0, rate * damping / stiffness))
 
 
 def strongest(robot: Robot) -> float:
