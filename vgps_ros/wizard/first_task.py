@@ -8,6 +8,7 @@ robot is for is found in `robot`, and the lines that the facts pick and fill sta
 
 import json
 import re
+from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from string import Template
@@ -22,7 +23,7 @@ from vgps_ros.simulation.controls import controls_of, resting_controls
 from vgps_ros.simulation.model import joint_names
 from vgps_ros.tasks.builder import swap_parts
 from vgps_ros.tasks.schema import MOST_CONTACTS
-from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, stride, strongest
+from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, servo_reach, strongest
 from vgps_ros.wizard.robot import (
     BALL,
     FREE,
@@ -45,6 +46,7 @@ from vgps_ros.wizard.robot import (
 _TEMPLATE = Path(__file__).with_name("first_task.template")
 _ANY_FORCE = 1e6  # from which on a force is as good as unlimited [N·m]
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
+_FALLEN = 0.55  # of its height, below which a robot with legs lies
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
 _LOW = 0.15  # of a leg, up to which the middle of a foot that is down lies above the ground
@@ -301,7 +303,7 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "per_speed": speed**-2,
         "rises": robot.height > 0.0,
         "height": ground + robot.height,
-        "low": ground + 0.55 * robot.height,
+        "low": ground + _FALLEN * robot.height,
         "leans": ["xyz"[i] for i in leans],
         "upright": [robot.frame[2, i] for i in leans],
         "stands": robot.height > 0.0 and robot.frame[2, 2] > 0.9,
@@ -326,7 +328,7 @@ def _first_motion_values(robot: Robot) -> dict[str, Any]:
     """Returns which first motion it gets, one of five."""
     controls = controls_of(robot.model) if robot.model.nu else None
     is_servo = controls is not None and set(controls.kinds) == {ControlKind.POSITION}
-    path = robot.is_biped and controls is not None and not is_servo
+    path = robot.is_biped and controls is not None and not (is_servo and _stands_held(robot))
     held = bool(robot.height) or (robot.kind in ("arm", "hand") and is_servo)
     high = controls.limits[1] if controls else np.full(1, np.inf)
     share = 0.7 if robot.kind == "swimmer" else 0.2
@@ -347,20 +349,36 @@ def _first_motion_values(robot: Robot) -> dict[str, Any]:
     }
 
 
+def _stands_held(robot: Robot) -> bool:
+    """Whether a robot with legs still stands after a horizon in which its servos hold the start."""
+    model, data = robot.model, copy(robot.data)
+    data.ctrl[:] = resting_controls(data)
+    steps = round(legged_numbers(robot)["horizon"] / model.opt.timestep)
+    mujoco.mj_step(model, data, steps)
+    fallen = data.xpos[robot.root, 2] - ground_of(robot) < _FALLEN * robot.height
+    return not (ground_planes(robot).any() and fallen)
+
+
 def _strength(robot: Robot, joint: int) -> float:
     """Returns a limit for a joint's motor [N·m]: what the model allows, or what its load asks."""
-    model, data = robot.model, robot.data
+    model = robot.model
     if known := (robot.strengths or {}).get(model.joint(joint).name):
         return min(known, strongest(robot)) if robot.feet else known
     if model.jnt_actfrclimited[joint]:
         return float(np.abs(model.jnt_actfrcrange[joint]).max())
+    return float(f"{_load(robot, joint):.3g}")
+
+
+def _load(robot: Robot, joint: int) -> float:
+    """Returns the torque that moves and carries what hangs at a joint [N·m]."""
+    model, data = robot.model, robot.data
     body, is_leg = int(model.jnt_bodyid[joint]), any(joint in leg for leg in legs_of(robot))
     far = float(np.linalg.norm(data.subtree_com[body] - data.xanchor[joint]))
     gyration = model.body_inertia[body].max() / max(model.body_mass[body], 1e-9)
     far = max(far, float(gyration) ** 0.5)  # of what is balanced on its joint
     carried = 0.5 * robot.mass * robot.leg
     load = max(3 * model.body_subtreemass[body] * far, carried if is_leg else 0.0)
-    return float(f"{(robot.gravity or 9.81) * load:.3g}")
+    return float((robot.gravity or 9.81) * load)
 
 
 def _mirror(robot: Robot) -> list[str]:
@@ -655,7 +673,7 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0
         if is_servo:
-            limit = max(_servo_reach(robot, controls, i), ways[i])
+            limit = max(_working_reach(robot, controls, i), ways[i])
             if not robot.feet:  # whose servos may weigh little, and get near their goal at once
                 limit = min(limit, np.ptp(controls.limits, axis=0)[i] / 2)
         weight = f"{strong / limit**2 / _lag_gains(robot)[i]:.2g}"
@@ -668,24 +686,22 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
     ]
 
 
-def _servo_reach(robot: Robot, controls: Controls, i: int) -> float:
+def _working_reach(robot: Robot, controls: Controls, i: int) -> float:
     """Returns by how much a servo's control differs from its pose where it works hard.
 
-    It is where its force is greatest, and of a robot with legs at least what a step takes: a stiff
-    servo moves its joint by no more than it is told to, however strong it is.
+    It is where its force is greatest, and of a robot with legs at least what a step takes.
     """
     model, stiffness = robot.model, controls.stiffness[i]
-    joint = int(model.actuator_trnid[i, 0]) if model.actuator_trntype[i] == _AT_JOINT else None
-    force = controls.servo_forces[i]
-    if force >= _ANY_FORCE:
-        force = _UNKNOWN_REACH * stiffness
-        if robot.feet and joint is not None:
-            force = _strength(robot, joint)
-    reach = force / stiffness
-    if robot.feet:
-        own = 0.0 if joint is None else float(model.dof_damping[model.jnt_dofadr[joint]])
-        reach = max(reach, stride(robot, stiffness, controls.damping[i] + own))
-    return float((reach if robot.feet else min(reach, 1.0)) / abs(controls.scale[i]))
+    has_limit = controls.servo_forces[i] < _ANY_FORCE
+    reach = controls.servo_forces[i] / stiffness if has_limit else _UNKNOWN_REACH
+    if not robot.feet:
+        reach = min(reach, 1.0)
+    elif model.actuator_trntype[i] == _AT_JOINT:
+        joint = int(model.actuator_trnid[i, 0])
+        damping = controls.damping[i] + float(model.dof_damping[model.jnt_dofadr[joint]])
+        step = servo_reach(robot, stiffness, damping, _load(robot, joint))
+        reach = max(reach, step) if has_limit else step
+    return float(reach / abs(controls.scale[i]))
 
 
 def _observations(robot: Robot) -> list[Any]:

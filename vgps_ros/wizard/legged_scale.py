@@ -52,6 +52,7 @@ class _Stance:
         iterations: of the training.
         solves: DDP iterations in one of them.
         new_solves: those of a new situation.
+        ease: how much further than of four legs servos' targets may go at the same cost.
     """
 
     period: float
@@ -66,11 +67,12 @@ class _Stance:
     iterations: int
     solves: int
     new_solves: int
+    ease: float = 1.0
 
 
 _MANY = _Stance(0.1125, 0.4, 0.6, 1.8, 13.5, 0.12, 40.0, 20.0, 120.0, 22, 2, 16)
 # Side by side: it may fall over its feet.
-_TWO = _Stance(0.1125, 0.22, 0.36, 0.1, 20.0, 0.08, 105.0, 50.0, 240.0, 26, 3, 24)
+_TWO = _Stance(0.1125, 0.22, 0.36, 0.1, 20.0, 0.08, 105.0, 50.0, 240.0, 26, 3, 24, ease=2.0)
 _ONE = replace(_TWO, period=0.063, rate=0.6, iterations=30, solves=2, new_solves=16)  # it hops
 # One behind the other, as a cheetah's:
 _IN_LINE = _Stance(0.1125, 0.22, 0.36, 0.4, 20.0, 0.08, 40.0, 20.0, 120.0, 22, 2, 16)
@@ -163,18 +165,22 @@ def servo_numbers(robot: Robot, limit: float) -> dict[str, float]:
     return {"stiffness": 1.5 * limit, "damping": damping * limit, "armature": armature * limit}
 
 
-def stride(robot: Robot, stiffness: float, damping: float) -> float:
-    """Returns how far a servo's target leads in a step, for a joint that moves by a stride [rad].
+def servo_reach(robot: Robot, stiffness: float, damping: float, load: float) -> float:
+    """Returns how far a servo's target goes from its pose in a step [rad], at most half a turn.
 
-    A servo that is damped needs a target further away, the faster the robot steps.
+    A stiff servo moves its joint by what it is told; one that is damped needs a target further
+    away, the faster the robot steps, and so does a soft one that carries a load.
 
     Args:
         robot: a robot with legs.
         stiffness: of the servo [N·m/rad].
         damping: of the servo and its joint [N·m·s/rad].
+        load: torque that the joint needs [N·m].
     """
-    rate = 2.0 * np.pi * _stance(robot).rate / robot.time
-    return float(_STRIDE * np.hypot(1.0, rate * damping / stiffness))
+    stance = _stance(robot)
+    rate = 2.0 * np.pi * stance.rate / robot.time
+    stride = _STRIDE * np.hypot(1.0, rate * damping / stiffness)
+    return float(min(stance.ease * max(stride, load / stiffness), np.pi))
 
 
 def strongest(robot: Robot) -> float:
