@@ -1,11 +1,12 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""A policy of ours as others deploy theirs: Unitree's deploy.yaml, and a LEAPP bundle.
+"""A policy of ours as others deploy theirs: for Unitree, a LEAPP bundle, and for the Microduck.
 
 They know terms where our policies read numbers: the positions of all joints, the velocity of the
 base in its axes. A number of ours is one of a term where both agree in several states. A network
 for them begins by picking its numbers out of the terms.
 """
 
+import fnmatch
 import hashlib
 import json
 from collections.abc import Mapping
@@ -36,7 +37,9 @@ from vgps_ros.robot.unrest import RATE, TILT
 from vgps_ros.simulation.model import state_names
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.storage.files import replacing
+from vgps_ros.storage.software import commit
 from vgps_ros.tasks.task import Task
+from vgps_ros.tasks.task_file import read_task_file
 
 _BASE = ("base_lin_vel", "base_ang_vel", "projected_gravity")
 _RANGES = ("lin_vel_x", "lin_vel_y", "ang_vel_z")  # of VELOCITY_COMMANDS, as others call them
@@ -49,12 +52,13 @@ _UNITREES = {  # terms that its controller knows, in the order in which they are
     "last_action": "last_action",
     "gait_phase": "gait_phase",
 }
+_DOUBLE = 11  # ONNX's number of float64
 _STATES = 4  # in which numbers are compared
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
-class Number:
+class _Number:
     """A number that a policy reads: ± a number of a term.
 
     Attributes:
@@ -72,16 +76,18 @@ class Number:
     lag: int = 0
 
 
-def numbers_of_terms(task: Task, observed: tuple[str, ...]) -> list[Number]:
+def _numbers_of_terms(task: Task, observed: tuple[str, ...]) -> list[_Number]:
     """Returns what a policy of the task reads, by the terms of the field."""
     terms = terms_of(observed)
     read = {name for name, _ in terms} - {LAST_ACTION, *task.signals.names}
     known = _context_terms(task, sorted(read))
-    acting = [Number(f"{LAST_ACTION}/{i}", LAST_ACTION, i) for i in range(len(task.controls.names))]
-    found = list[Number]()
+    acting = [
+        _Number(f"{LAST_ACTION}/{i}", LAST_ACTION, i) for i in range(len(task.controls.names))
+    ]
+    found = list[_Number]()
     for name, lag in terms:
         term, index, sign = known.get(name, ("", 0, 1.0))
-        found += acting if name == LAST_ACTION else [Number(name, term, index, sign, lag)]
+        found += acting if name == LAST_ACTION else [_Number(name, term, index, sign, lag)]
     return found
 
 
@@ -117,6 +123,30 @@ def _context_terms(task: Task, names: list[str]) -> dict[str, tuple[str, int, fl
     return found
 
 
+def _fitting_numbers(
+    task: Task, exported: ExportedPolicy, taker: str, terms: tuple[str, ...]
+) -> list[_Number]:
+    """Returns what a policy of servos reads, all of which is of terms of `_UNITREES`.
+
+    Raises:
+        InvalidInputError: it is not; the sentence says what takes which terms.
+    """
+    for name, kind in zip(task.controls.names, task.controls.kinds, strict=True):
+        if kind is not ControlKind.POSITION:
+            raise InvalidInputError(
+                f"The control of {name} is a {kind}, but {taker} has targets of positions alone; "
+                "use a robot of servos, or a LEAPP bundle."
+            )
+    numbers = _numbers_of_terms(task, exported.policy.observed)
+    for number in numbers:
+        if number.term not in _UNITREES:
+            raise InvalidInputError(
+                f"The policy reads {quote(number.name)}, which is none of {taker}'s terms "
+                f"{', '.join(terms)}; observe these alone, or use a LEAPP bundle."
+            )
+    return numbers
+
+
 def write_unitrees(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     """Writes params/deploy.yaml and exported/policy.onnx, as unitree_rl_lab has them.
 
@@ -124,19 +154,7 @@ def write_unitrees(task: Task, exported: ExportedPolicy, folder: Path) -> None:
         InvalidInputError: the policy reads or gives what a deploy.yaml cannot say.
     """
     controls, signals = task.controls, task.signals
-    for name, kind in zip(controls.names, controls.kinds, strict=True):
-        if kind is not ControlKind.POSITION:
-            raise InvalidInputError(
-                f"A deploy.yaml has targets of positions alone, but the control of {name} is a "
-                f"{kind}; use a robot of servos, or a LEAPP bundle."
-            )
-    numbers = numbers_of_terms(task, exported.policy.observed)
-    for number in numbers:
-        if number.term not in _UNITREES:
-            raise InvalidInputError(
-                f"The policy reads {quote(number.name)}, which is none of a deploy.yaml's terms "
-                f"{', '.join(_UNITREES.values())}; observe these alone, or use a LEAPP bundle."
-            )
+    numbers = _fitting_numbers(task, exported, "a deploy.yaml", tuple(_UNITREES.values()))
     n_u, origin = len(controls.names), controls.at_joints(np.array(exported.origin))
     sizes = {**dict.fromkeys(_UNITREES, 3), "gait_phase": 2}
     sizes |= dict.fromkeys(("joint_pos", "joint_vel", "last_action"), n_u)
@@ -153,8 +171,9 @@ def write_unitrees(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     ]
     offsets = [origin[n.index] * (n.term == "joint_pos") for n in numbers]
     build = Builder("float32")
-    read = build.node("Cast", "obs", to=build.element(np.dtype(np.float64)))
-    actions, _ = network(exported, build, _pick_inputs(build, read, places, numbers, offsets))
+    read = build.node("Cast", "obs", to=_DOUBLE)
+    signs = [number.sign for number in numbers]
+    actions, _ = network(exported, build, _pick_inputs(build, read, places, offsets, signs))
     build.give(actions, "actions")
     graph = build.graph([build.declared("obs", 1, end)], [build.declared("actions", 1, n_u)])
     ranges: dict[str, Any] = {key: [0.0, 0.0] for key in _RANGES}
@@ -218,13 +237,13 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
         InvalidInputError: the policy reads former steps, of which no state tells in the first one.
     """
     controls, signals, names = task.controls, task.signals, task.controls.names
-    numbers = numbers_of_terms(task, exported.policy.observed)
+    numbers = _numbers_of_terms(task, exported.policy.observed)
     if past := next((n.name for n in numbers if n.lag), ""):
         raise InvalidInputError(
             f"The policy reads {quote(past)} of former steps, which equal the first one in the "
             "first step; no state of a LEAPP bundle does: use the ONNX file or a deploy.yaml."
         )
-    build, double = Builder("float32"), np.dtype(np.float64)
+    build = Builder("float32")
     inputs, outputs = list[dict[str, Any]](), list[dict[str, Any]]()
     parts, first, end = list[str](), dict[str, int](), 0
     tensors = {
@@ -251,7 +270,7 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
         is_clock, is_state = term == "gait_phase", term in ("gait_phase", "last_action", "awake")
         name += "_in" * is_state
         inputs.append(_tensor(name, kind, elements, "float64" if is_clock else "float32"))
-        value = build.node("Cast", name, to=build.element(double))
+        value = build.node("Cast", name, to=_DOUBLE)
         if is_state:
             feedback[f"policy/{term}_out"] = [f"policy/{name}"]
             states[f"policy/{name}"] = np.zeros((1, len(elements)))
@@ -268,8 +287,8 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     loose = {n.name: i for i, n in enumerate(n for n in numbers if not n.term)}
     places = [first[n.term] + loose.get(n.name, n.index) for n in numbers]
     read = build.node("Concat", *parts, axis=1)
-    zeros = [0.0] * len(numbers)
-    picked = _pick_inputs(build, read, places, numbers, zeros)
+    signs = [number.sign for number in numbers]
+    picked = _pick_inputs(build, read, places, [0.0] * len(numbers), signs)
     if stops:
         picked = _stopping(build, picked, numbers, task, parts_of)
     actions, _ = network(exported, build, picked)
@@ -330,13 +349,131 @@ def write_leapp(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     _write(folder / "policy.yaml", _yaml(said))
 
 
+_LEG = ("hip_yaw", "hip_roll", "hip_pitch", "knee", "ankle")
+_HEAD = ("neck_pitch", "head_pitch", "head_yaw", "head_roll")
+_DUCKS_JOINTS = (*(f"left_{each}" for each in _LEG), *_HEAD, *(f"right_{each}" for each in _LEG))
+# What the Microduck tells a policy, by its names, and where our terms are in it; a clock follows.
+_DUCKS = {"base_ang_vel": 3, "projected_gravity": 3, "joint_pos": 14, "joint_vel": 14,
+          "actions": 14, "command": 3, "head_command": 4, "body_command": 6}  # fmt: skip
+_TOLD, _MEASURED = sum(_DUCKS.values()), 34  # numbers; the measured ones come first
+_DUCKS_PLACES = {"base_ang_vel": 0, "projected_gravity": 3, "joint_pos": 6, "joint_vel": 20,
+                 LAST_ACTION: 34, "velocity_commands": 48, "gait_phase": _TOLD}  # fmt: skip
+_DUCKS_RATE = 50  # [Hz]
+
+
+def write_microduck(task: Task, exported: ExportedPolicy, folder: Path) -> str:
+    """Writes policy.onnx and manifest.json, as a Microduck loads them; says how it is driven.
+
+    Former steps, the clock's phase and the steps for which one that stops goes on are a memory of
+    the network, which begins at zero. It is the sum of the tensors h and c that an LSTM has, of
+    float32, and so has the digits of float64.
+
+    Raises:
+        InvalidInputError: the policy does not fit this robot.
+    """
+    controls, signals, names = task.controls, task.signals, task.controls.names
+    if not np.isclose(task.dynamics.time_step * _DUCKS_RATE, 1.0):
+        raise InvalidInputError(
+            f"A Microduck is controlled every {1 / _DUCKS_RATE:g} s, but the task has a control "
+            f"period of {task.dynamics.time_step:g} s; change control_period, and train anew."
+        )
+    numbers = _fitting_numbers(task, exported, "a Microduck", tuple(_DUCKS_PLACES))
+    default = dict(zip(names, controls.at_joints(np.array(exported.origin)).tolist(), strict=True))
+    path = Path(task.name)
+    for pattern, change in read_task_file(path)[0].changes.joints.items() if path.is_file() else ():
+        if change.lock is not None:
+            default |= dict.fromkeys(fnmatch.filter(_HEAD, pattern), change.lock)
+    if strange := sorted({*default} ^ {*_DUCKS_JOINTS}):
+        raise InvalidInputError(
+            f"A Microduck has servos of {', '.join(_DUCKS_JOINTS)}, but the task "
+            f"{'drives' if strange[0] in default else 'does not drive'} {strange[0]}; use the "
+            "robot's own model, of whose joints only those of the head may be locked."
+        )
+    own = [_DUCKS_JOINTS.index(name) for name in names]
+    turns, history = any(n.term == "gait_phase" for n in numbers), max(n.lag for n in numbers)
+    stops = bool(turns and task.unrest)
+    began = turns + stops  # place in the memory of a one, behind which the former steps come
+    size = began + (1 + _MEASURED * history if history else 0)
+    build, following = Builder("float32"), list[str]()
+
+    def part(value: str, first: int, end: int) -> str:
+        return build.node("Gather", value, build.indices(range(first, end)), axis=1)
+
+    obs = build.node("Cast", "obs", to=_DOUBLE)
+    parts, memory = [obs], ""
+    if size:
+        halves = [build.node("Cast", f"{each}_in", to=_DOUBLE) for each in "hc"]
+        memory = build.node("Reshape", build.node("Add", *halves), build.indices([1, size]))
+    if turns:
+        phase = part(memory, 0, 1)
+        parts.append(_clock(build, phase, signals.frequency * task.dynamics.time_step))
+        following.append("gait_phase_out")
+    if history:
+        now, begun = part(obs, 0, _MEASURED), build.constant("begun", [[1.0]])
+        goes_on = build.node("Equal", part(memory, began, began + 1), begun)
+        first = build.node("Concat", *[now] * history, axis=1)
+        former = build.node("Where", goes_on, part(memory, began + 1, size), first)
+        parts.append(build.node("Concat", now, former, axis=1))
+        following += [begun, part(parts[-1], 0, _MEASURED * history)]
+    places, offsets, factors = list[int](), list[float](), list[float]()
+    for n in numbers:
+        is_of_joint = n.term in ("joint_pos", "joint_vel", LAST_ACTION)
+        place = _DUCKS_PLACES[n.term] + (own[n.index] if is_of_joint else n.index)
+        places.append(place + (_TOLD + 2 * turns + _MEASURED * n.lag if n.lag else 0))
+        offsets.append(default[names[n.index]] if n.term == "joint_pos" else 0.0)
+        factors.append(n.sign / (controls.scale[n.index] if n.term == LAST_ACTION else 1.0))
+    read = build.node("Concat", *parts, axis=1)
+    picked = _pick_inputs(build, read, places, offsets, factors)
+    if stops:
+        felt = {"base_ang_vel": part(obs, 0, 3), "projected_gravity": part(obs, 3, 6)}
+        felt["awake"] = part(memory, 1, 2)
+        picked = _stopping(build, picked, numbers, task, felt)
+        following.insert(1, build.node("Cast", "awake_out", to=_DOUBLE))
+    actions, _ = network(exported, build, picked)
+    to_joints = controls.scale[:, None] * np.eye(len(_DUCKS_JOINTS))[own]
+    build.give(build.node("MatMul", actions, build.constant("to_joints", to_joints)), "actions")
+    if size:
+        whole = build.node("Concat", *following, axis=1)
+        whole = build.node("Reshape", whole, build.indices([1, 1, size]))
+        build.give(whole, "h_out")
+        build.give(build.node("Sub", whole, build.node("Cast", "h_out", to=_DOUBLE)), "c_out")
+    inputs = [build.declared("obs", 1, _TOLD)]
+    outputs = [build.declared("actions", 1, len(_DUCKS_JOINTS))]
+    for half in "hc" if size else "":
+        inputs.append(build.declared(f"{half}_in", 1, 1, size))
+        outputs.append(build.declared(f"{half}_out", 1, 1, size))
+    graph = build.graph(inputs, outputs)
+    lengths = {"obs_len": _TOLD, "action_len": len(_DUCKS_JOINTS)}
+    pose = [default[joint] for joint in _DUCKS_JOINTS]
+    metadata = {**lengths, "schema_version": 1, "control_hz": _DUCKS_RATE, "action_scale": 1.0,
+                "joint_names": _DUCKS_JOINTS, "default_joint_pos": pose, "kp_fw": 200,
+                "observation": [*_DUCKS.items()]}  # fmt: skip
+    _write(folder / "policy.onnx", model_of(graph, {"microduck": json.dumps(metadata)}))
+    told = {c.source: f"{c.name}, {c.lowest:g} to {c.highest:g} {c.unit}" for c in signals.commands}
+    unused = "unused (zeros)"
+    twist = [told.get(source, unused) for source in VELOCITY_COMMANDS]
+    robot = {"model": "microduck", "hw_rev": 1, "servos": "xl330", "control_hz": _DUCKS_RATE}
+    said = {"schema_version": 2, "model_api": 2 if size else 1, **lengths, "robot": robot,
+            "name": folder.resolve().name.lower().removeprefix("microduck-"),
+            "description": "Goes as it is commanded; learned by vgps_ros, in simulation alone.",
+            "kind": "perpetual", "action_scale": 1.0, "slot": "walk", "entry_pose": "standing",
+            "command": {"idle": [0, 0, 0], "twist": twist, "head": unused, "body": unused},
+            "training": {"repo": "vgps_ros", "commit": commit(), "task_id": task.name}}  # fmt: skip
+    _write(folder / "manifest.json", json.dumps(said, indent=2).encode())
+    left = [joint for joint in _DUCKS_JOINTS if joint not in names]
+    notes = [f"The robot holds {', '.join(left)} by its default pose."] if left else []
+    if any(n.term == "joint_vel" for n in numbers):
+        notes.append("The joint velocities that it tells the policy are one step old.")
+    return " ".join(notes)
+
+
 def _pick_inputs(
-    build: Builder, read: str, places: list[int], numbers: list[Number], offsets: list[Any]
+    build: Builder, read: str, places: list[int], offsets: list[float], factors: list[float]
 ) -> str:
-    """Adds what picks a policy's inputs out of a vector."""
+    """Adds what picks a policy's inputs out of a vector, adds offsets and multiplies."""
     picked = build.node("Gather", read, build.indices(places), axis=1)
-    signs = build.constant("signs", [number.sign for number in numbers])
-    return build.node("Add", build.node("Mul", picked, signs), build.constant("offsets", offsets))
+    moved = build.node("Add", picked, build.constant("offsets", offsets))
+    return build.node("Mul", moved, build.constant("factors", factors))
 
 
 def _clock(build: Builder, phase: str, turn: float) -> str:
@@ -349,7 +486,7 @@ def _clock(build: Builder, phase: str, turn: float) -> str:
 
 
 def _stopping(
-    build: Builder, picked: str, numbers: list[Number], task: Task, values: Mapping[str, str]
+    build: Builder, picked: str, numbers: list[_Number], task: Task, values: Mapping[str, str]
 ) -> str:
     """Adds what stops the clock among a policy's inputs, as `robot.unrest` has it."""
     unrest, rest = task.unrest, dict(zip(task.signals.names, task.signals.rest, strict=False))

@@ -56,6 +56,12 @@ def add_arguments(parser: Parser) -> None:
         "--leapp", type=Path, metavar="FOLDER", help="also write a LEAPP bundle, policy.yaml"
     )
     parser.add_argument(
+        "--microduck",
+        type=Path,
+        metavar="FOLDER",
+        help="also write policy.onnx and manifest.json, as the robot Microduck loads them",
+    )
+    parser.add_argument(
         "--web",
         type=Path,
         metavar="FOLDER",
@@ -79,6 +85,8 @@ def run(arguments: argparse.Namespace) -> None:
         outputs += [arguments.unitree / "params" / "deploy.yaml"]
     if arguments.leapp:
         outputs += [arguments.leapp / "policy.yaml"]
+    if arguments.microduck:
+        outputs += [arguments.microduck / name for name in ("policy.onnx", "manifest.json")]
     if arguments.web:
         outputs += [arguments.web / name for name in PAGE_FILES]
     if arguments.card:
@@ -93,7 +101,7 @@ def run(arguments: argparse.Namespace) -> None:
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
     from vgps_ros.policies.deployment_file import write_deployment
-    from vgps_ros.policies.field_export import write_leapp, write_unitrees
+    from vgps_ros.policies.field_export import write_leapp, write_microduck, write_unitrees
     from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task, recorded_task
@@ -121,6 +129,8 @@ def run(arguments: argparse.Namespace) -> None:
         write_unitrees(task, exported, arguments.unitree)
     if arguments.leapp:
         write_leapp(task, exported, arguments.leapp)
+    if arguments.microduck:
+        print(write_microduck(task, exported, arguments.microduck))
     if arguments.card:
         print("Measures and draws the policy for its card ...", flush=True)
         command = shlex.join(["vgps", "export", *map(str, arguments.parser.words)])
