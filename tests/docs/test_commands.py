@@ -62,6 +62,8 @@ NOT_RUN = {
     "tests/nodes/test_drive.py steers one",
     r"vgps export .*--unitree": "is for robots of servos, for which the swimmer stands here; "
     "tests/programs/test_field_export.py exports one",
+    r"vgps .*duck|robotctl": "needs the model of the robot, or the robot; "
+    "tests/programs/test_microduck.py exports a policy for one",
     r"vgps export .*--web": "needs what make web fetches; tests/views/test_web_page.py writes one",
     r"vgps import .*(--contract|policy\.yaml)": "needs files of other projects; "
     "tests/policies and tests/programs read such",
