@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The lifecycle of `policy_executor`: what each transition does, in any order, and what moves."""
 
+import sys
 from itertools import product
 from pathlib import Path
 
@@ -295,3 +296,16 @@ def test_without_autostart_it_says_how_to_start_it_and_a_refusal_at_the_start_is
     refused = graph.start("policy_executor", policy_file=tmp_path / "absent.json")
     assert refused.wait() == 1
     assert refused.output.count("is not a readable policy file") == 1
+
+
+def test_an_error_that_nobody_foresaw_is_told_by_its_type_and_message(graph):
+    program = (
+        "from vgps_ros.nodes.policy_executor import NODE\n"
+        "from vgps_ros.ros_runtime import controller, runner\n"
+        "controller._Session = lambda node: {}['what nobody foresaw']\n"
+        "raise SystemExit(runner.run(NODE))\n"
+    )
+    node = graph.start_command("policy_executor", [sys.executable, "-c", program])
+    assert node.wait() == 1
+    assert node.output.count("KeyError: 'what nobody foresaw'") == 1
+    assert "Traceback" not in node.output

@@ -236,11 +236,16 @@ class Controller(LifecycleNode):
                 self._read_robot_again()
             self._is_first = False
             self._session = session = _Session(self)
-        except VgpsError as error:
-            self._refusal = str(error)
+        except Exception as error:  # rclpy would swallow one that nobody foresaw
+            told = isinstance(error, VgpsError)
+            self._refusal = (
+                str(error)
+                if told
+                else f"It cannot be configured ({type(error).__name__}: {error})."
+            )
             self._end_session()
             if not self._is_starting:  # then it is the last that the node says
-                self.health.report("configuration", error=f"Not configured: {error}")
+                self.health.report("configuration", error=f"Not configured: {self._refusal}")
             return TransitionCallbackReturn.FAILURE
         self._closing.callback(session.close)
         self.health.clear("configuration")
