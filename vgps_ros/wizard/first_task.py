@@ -44,7 +44,6 @@ from vgps_ros.wizard.robot import (
 )
 
 _TEMPLATE = Path(__file__).with_name("first_task.template")
-_ANY_FORCE = 1e6  # from which on a force is as good as unlimited [N·m]
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
 _FALLEN = 0.55  # of its height, below which a robot with legs lies
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
@@ -692,15 +691,14 @@ def _working_reach(robot: Robot, controls: Controls, i: int) -> float:
     It is where its force is greatest, and of a robot with legs at least what a step takes.
     """
     model, stiffness = robot.model, controls.stiffness[i]
-    has_limit = controls.servo_forces[i] < _ANY_FORCE
-    reach = controls.servo_forces[i] / stiffness if has_limit else _UNKNOWN_REACH
+    force = controls.servo_forces[i]
+    reach = force / stiffness if force < 1e6 else _UNKNOWN_REACH
     if not robot.feet:
         reach = min(reach, 1.0)
     elif model.actuator_trntype[i] == _AT_JOINT:
         joint = int(model.actuator_trnid[i, 0])
         damping = controls.damping[i] + float(model.dof_damping[model.jnt_dofadr[joint]])
-        step = servo_reach(robot, stiffness, damping, _load(robot, joint))
-        reach = max(reach, step) if has_limit else step
+        reach = max(reach, servo_reach(robot, stiffness, damping, _load(robot, joint)))
     return float(reach / abs(controls.scale[i]))
 
 
