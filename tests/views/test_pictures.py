@@ -215,6 +215,21 @@ def test_a_moving_picture_has_a_frame_for_each_25th_of_a_second(run, tmp_path):
         assert picture.info["duration"] == 40
 
 
+@needs_egl
+def test_a_robot_whose_shapes_are_missing_is_drawn_by_its_masses():
+    """As one whose meshes were left out: in the middle of the picture there is something red."""
+    body = '<body pos="0 0 1"><freejoint/>{}</body>'
+    bare = '<inertial pos="0 0 0" mass="1" diaginertia=".02 .02 .02"/>'
+    state = np.eye(1, 13, 3)
+    shown = (
+        next(frames(f"<mujoco><worldbody>{body.format(of)}</worldbody></mujoco>", state, 60, 80))
+        for of in (bare, '<geom type="box" size=".2 .2 .2"/>')
+    )
+    (red, green, _), (grey, other, _) = (picture[25:35, 35:45].mean((0, 1)) for picture in shown)
+    assert red > green + 50
+    assert abs(grey - other) < 20
+
+
 def test_without_a_way_to_draw_a_sentence_says_what_to_install(run):
     program = (
         "import sys; sys.modules['mujoco.egl'] = None\n"

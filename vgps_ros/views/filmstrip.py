@@ -66,7 +66,9 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
         ) from error
     with renderer:
         _show_all(model)
-        shape, camera = RobotShape(model), mujoco.MjvCamera()
+        shape, camera, option = RobotShape(model), mujoco.MjvCamera(), mujoco.MjvOption()
+        bare = model.body_geomnum[model.body_mass > 0] == 0  # as of a robot without its meshes
+        option.flags[mujoco.mjtVisFlag.mjVIS_INERTIA] = 2 * bare.sum() > bare.size
         camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
         half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
         half_height, depth = (
@@ -76,7 +78,7 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
         for state in states:
             camera.lookat[:] = shape.centre_of_mass(state)
             mujoco.mj_forward(model, shape.data)
-            renderer.update_scene(shape.data, camera)
+            renderer.update_scene(shape.data, camera, option)
             # Shadows take long to compute without a graphics card.
             renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
             yield renderer.render()
