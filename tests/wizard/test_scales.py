@@ -8,7 +8,7 @@ import pytest
 from tests.tasks.solving import solved
 from vgps_ros.programs.__main__ import main
 from vgps_ros.tasks import make_task
-from vgps_ros.wizard.legged_scale import legged_numbers
+from vgps_ros.wizard.legged_scale import legged_numbers, servo_reach
 from vgps_ros.wizard.robot import recognise_robot
 
 FOUR = {"front_left": (1, 1), "front_right": (1, -1), "hind_left": (-1, 1), "hind_right": (-1, -1)}
@@ -102,3 +102,15 @@ def test_a_small_robot_pays_for_its_motion_what_a_large_one_does(tmp_path, monke
     for size, costs in enumerate(found):
         assert costs == pytest.approx(found[1], rel=0.15), size
     assert found[1][1] < 0.5 * found[1][0]
+
+
+def test_a_soft_servo_leads_by_its_load_and_a_stiff_one_by_a_stride():
+    four, two = (
+        recognise_robot(mujoco.MjModel.from_xml_string(robot(legs, 1.0))) for legs in (FOUR, TWO)
+    )
+    assert servo_reach(four, 10.0, 0.0, 9.0) == pytest.approx(0.9)  # 9 N m of 10 N m/rad
+    assert servo_reach(two, 10.0, 0.0, 9.0) == pytest.approx(1.8)  # one leg carries all
+    assert servo_reach(two, 1.0, 0.0, 9.0) == np.pi
+    stride = servo_reach(four, 1e4, 0.0, 9.0)
+    assert stride == servo_reach(two, 1e4, 0.0, 9.0) == servo_reach(four, 1e6, 0.0, 9.0)
+    assert servo_reach(four, 1e4, 1e3, 9.0) > stride  # a damped servo lags

@@ -52,7 +52,7 @@ class _Stance:
         iterations: of the training.
         solves: DDP iterations in one of them.
         new_solves: those of a new situation.
-        ease: how much further than of four legs servos' targets may go at the same cost.
+        carried: load of a leg in a step, by that of standing on four legs.
     """
 
     period: float
@@ -67,12 +67,12 @@ class _Stance:
     iterations: int
     solves: int
     new_solves: int
-    ease: float = 1.0
+    carried: float = 1.0
 
 
 _MANY = _Stance(0.1125, 0.4, 0.6, 1.8, 13.5, 0.12, 40.0, 20.0, 120.0, 22, 2, 16)
 # Side by side: it may fall over its feet.
-_TWO = _Stance(0.1125, 0.22, 0.36, 0.1, 20.0, 0.08, 105.0, 50.0, 240.0, 26, 3, 24, ease=2.0)
+_TWO = _Stance(0.1125, 0.22, 0.36, 0.1, 20.0, 0.08, 105.0, 50.0, 240.0, 26, 3, 24, carried=2.0)
 _ONE = replace(_TWO, period=0.063, rate=0.6, iterations=30, solves=2, new_solves=16)  # it hops
 # One behind the other, as a cheetah's:
 _IN_LINE = _Stance(0.1125, 0.22, 0.36, 0.4, 20.0, 0.08, 40.0, 20.0, 120.0, 22, 2, 16)
@@ -180,7 +180,7 @@ def servo_reach(robot: Robot, stiffness: float, damping: float, load: float) -> 
     stance = _stance(robot)
     rate = 2.0 * np.pi * stance.rate / robot.time
     stride = _STRIDE * np.hypot(1.0, rate * damping / stiffness)
-    return float(min(stance.ease * max(stride, load / stiffness), np.pi))
+    return float(min(max(stride, stance.carried * load / stiffness), np.pi))
 
 
 def strongest(robot: Robot) -> float:
