@@ -691,12 +691,11 @@ def _working_reach(robot: Robot, controls: Controls, i: int) -> float:
     It is where its force is greatest, and of a robot with legs at least what a step takes.
     """
     model, stiffness = robot.model, controls.stiffness[i]
-    force = controls.servo_forces[i]
+    joint, force = int(model.actuator_trnid[i, 0]), controls.servo_forces[i]
     reach = force / stiffness if force < 1e6 else _UNKNOWN_REACH
     if not robot.feet:
         reach = min(reach, 1.0)
-    elif model.actuator_trntype[i] == _AT_JOINT:
-        joint = int(model.actuator_trnid[i, 0])
+    elif model.actuator_trntype[i] == _AT_JOINT and model.jnt_type[joint] == HINGE:
         damping = controls.damping[i] + float(model.dof_damping[model.jnt_dofadr[joint]])
         reach = max(reach, servo_reach(robot, stiffness, damping, _load(robot, joint)))
     return float(reach / abs(controls.scale[i]))

@@ -480,7 +480,7 @@ def _find_feet(robot: Robot) -> list[int]:
     bodies = np.unique(model.geom_bodyid[np.isfinite(bottoms)])
     lowest = float(bottoms.min(initial=np.inf))
     height = data.xpos[robot.root][2] - lowest
-    reach = lowest + 0.1 * height
+    reach = lowest + 0.1 * height if bodies.size else lowest  # a robot may have no shapes
     found = dict[int, int]()
     for body in map(int, np.setdiff1d(bodies, [*model.body_parentid[bodies], robot.root])):
         own = np.flatnonzero((model.geom_bodyid == body) & np.isfinite(bottoms))
