@@ -237,12 +237,8 @@ class Controller(LifecycleNode):
             self._is_first = False
             self._session = session = _Session(self)
         except Exception as error:  # rclpy would swallow one that nobody foresaw
-            told = isinstance(error, VgpsError)
-            self._refusal = (
-                str(error)
-                if told
-                else f"It cannot be configured ({type(error).__name__}: {error})."
-            )
+            unforeseen = f"It cannot be configured ({type(error).__name__}: {error})."
+            self._refusal = str(error) if isinstance(error, VgpsError) else unforeseen
             self._end_session()
             if not self._is_starting:  # then it is the last that the node says
                 self.health.report("configuration", error=f"Not configured: {self._refusal}")

@@ -688,7 +688,8 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
 def _working_reach(robot: Robot, controls: Controls, i: int) -> float:
     """Returns by how much a servo's control differs from its pose where it works hard.
 
-    It is where its force is greatest, and of a robot with legs at least what a step takes.
+    A control there costs as much as a motor at its limit. It is where the servo's force is
+    greatest; a hinge of a robot with legs gets at least what a step takes.
     """
     model, stiffness = robot.model, controls.stiffness[i]
     joint, force = int(model.actuator_trnid[i, 0]), controls.servo_forces[i]
