@@ -444,3 +444,65 @@ def test_a_motion_that_still_improves_when_time_is_up_is_told_so():
 def test_an_axis_that_turns_in_a_plane_is_moved_though_not_across_it(folder, capsys):
     axis = "sensors:\n  axis: {type: framezaxis, body: arm}\ncost:\n  - {sensor: axis}"
     assert "No control moves" not in check(folder, capsys, ("cost:", axis))
+
+
+def write_legged_urdf(path, foot):
+    """Writes four legs of two hinges, as a URDF has them: no free joint, floor, motors or mesh."""
+
+    def link(name, mass, more):
+        moments = 'ixx="{0}" iyy="{0}" izz="{0}" ixy="0" ixz="0" iyz="0"'.format(mass / 500)
+        return f'<link name="{name}"><inertial><mass value="{mass}"/><inertia {moments}/>' + (
+            f"</inertial>{more}</link>"
+        )
+
+    def hinge(parent, child, place, low, high):
+        return (
+            f'<joint name="{child}_joint" type="revolute"><parent link="{parent}"/>'
+            f'<child link="{child}"/><origin xyz="{place}"/><axis xyz="0 1 0"/>'
+            f'<limit lower="{low}" upper="{high}" effort="9" velocity="9"/></joint>'
+        )
+
+    def shape(place, geometry):
+        return f'<collision><origin xyz="{place}"/><geometry>{geometry}</geometry></collision>'
+
+    # The root of many URDFs is a frame that weighs next to nothing, with moments no body has.
+    parts = [
+        '<link name="base"><inertial><mass value="1e-6"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" '
+        'ixy="1e-6" ixz="1e-6" iyz="1e-6"/></inertial></link>',
+        link("trunk", 4, shape("0 0 0", '<box size=".4 .2 .1"/>')),
+        '<joint name="to_trunk" type="fixed"><parent link="base"/><child link="trunk"/></joint>',
+    ]
+    for name, x, y in (("lf", 1, 1), ("rf", 1, -1), ("lh", -1, 1), ("rh", -1, -1)):
+        parts += [
+            hinge("trunk", f"{name}_thigh", f"{x * 0.2} {y * 0.15} 0", -1.5, 1.5),
+            link(
+                f"{name}_thigh",
+                0.5,
+                shape(f"0 0 {foot / 4}", '<cylinder radius=".02" length=".08"/>'),
+            ),
+            hinge(f"{name}_thigh", f"{name}_shank", f"0 0 {foot / 2}", -2.5, 2.5),
+            link(f"{name}_shank", 0.2, shape(f"0 0 {foot / 2}", '<sphere radius=".02"/>')),
+        ]
+    path.write_text(f'<robot name="four">{"".join(parts)}</robot>')
+
+
+def test_a_urdf_whose_legs_hang_gets_a_free_joint_a_floor_and_servos(folder, capsys):
+    write_legged_urdf(folder / "four.urdf", foot=-0.3)
+    main(["new", "mine", "--model", "four.urdf"])
+    text = (folder / "mine" / "task.yaml").read_text()
+    assert "# Legs, 4 (6.8 kg, a free base" in text
+    assert "free_bodies: [base]" in text
+    main(["check", "mine", "--iterations", "10"])
+    assert "DDP's motion does" in capsys.readouterr().out
+
+
+def test_limbs_that_reach_up_are_no_legs(folder):
+    write_legged_urdf(folder / "four.urdf", foot=0.3)
+    main(["new", "mine", "--model", "four.urdf"])
+    assert "free_bodies" not in (folder / "mine" / "task.yaml").read_text()
+
+
+def test_a_xacro_is_refused_with_what_turns_it_into_a_urdf(folder):
+    (folder / "four.urdf.xacro").write_text("<robot/>")
+    with pytest.raises(SystemExit, match=r"xacro four\.urdf\.xacro > four\.urdf"):
+        main(["new", "mine", "--model", "four.urdf.xacro"])

@@ -24,7 +24,7 @@ def add_arguments(parser: Parser) -> None:
     """Adds the arguments of this command."""
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder of the task")
     parser.add_argument(
-        "--model", required=True, help="the robot's MJCF: a path, or package://PACKAGE/PATH"
+        "--model", required=True, help="the robot's MJCF or URDF: a path, or package://PACKAGE/PATH"
     )
     parser.add_argument(
         "--lock",
@@ -67,7 +67,12 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, shorten
     from vgps_ros.wizard.first_task import first_task_file
-    from vgps_ros.wizard.robot import foreign_bodies, has_motors_too_strong, six_axis_base
+    from vgps_ros.wizard.robot import (
+        foreign_bodies,
+        has_motors_too_strong,
+        lacks_ground,
+        root_to_free,
+    )
 
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)
@@ -97,8 +102,10 @@ def run(arguments: argparse.Namespace) -> None:
         print(f"Without {drop[0]}, since {error}")
     if locks := _locks(arguments.lock):
         model = compiled(joints=locks)
-    if base := six_axis_base(model):
+    if base := root_to_free(model):
         model = compiled(free_bodies=[base])
+    if lacks_ground(model):
+        model = compiled(floor=True)
     if foreign := foreign_bodies(model):
         model = compiled(remove_bodies=foreign)
     former = model

@@ -22,7 +22,7 @@ import numpy as np
 from vgps_ros.core.checks import known, matching, one_of, quote, told
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry
 from vgps_ros.simulation.model import MUJOCO_ERRORS
-from vgps_ros.simulation.packages import package_folders
+from vgps_ros.simulation.model_file import read_model
 from vgps_ros.simulation.sensor_types import DIRECTIONS, OBJECTS, SENSOR_TYPES
 
 Values = Mapping[str, Any]
@@ -41,19 +41,14 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     """Returns a model with changes and sensors; it is known to compile.
 
     Args:
-        path: its MJCF.
+        path: its MJCF or URDF.
         changes: the changes, see above.
         sensors: sensors to add, by name.
 
     Raises:
         InvalidEntryError: the model does not compile, or a change does not suit it.
     """
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-    except MUJOCO_ERRORS as error:
-        sentence = f"the model is no valid MJCF: {told(error)}."
-        raise InvalidEntryError(("model",), sentence) from error
-    _find_meshes(spec, path)
+    spec = read_model(path)
     name_all(spec)
     positions = sum(_POSITIONS.get(joint.type, 1) for joint in spec.joints)
     short = {key.name: len(key.qpos) for key in spec.keys if 0 < len(key.qpos) < positions}
@@ -109,16 +104,6 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
             f"{positions}; give it all of them.",
         )
     return spec
-
-
-def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
-    """Sets the files of meshes that a URDF names by package, installed or around the URDF."""
-    for mesh in spec.meshes:
-        name, _, inside = mesh.file.removeprefix("package://").partition("/")
-        if inside and mesh.file.startswith("package://"):
-            around = [each for each in path.absolute().parents if each.name == name]
-            files = [folder / inside for folder in (*around, *package_folders(name))]
-            mesh.file = str(next(filter(Path.is_file, files), mesh.file))
 
 
 def name_all(spec: mujoco.MjSpec) -> None:

@@ -53,8 +53,14 @@ _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names m
 _PERIOD = 0.02  # of control, of what swims or swings [s]
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
-_EDITS = ("drop", "remove_bodies", "free_bodies", "remove_actuators")  # that were made before
-_CHANGES = (*_EDITS, "locks", "options", "contact", "limits", "floor", "motors")
+_EDITS = (
+    "drop",
+    "floor",
+    "remove_bodies",
+    "free_bodies",
+    "remove_actuators",
+)  # that were made before
+_CHANGES = (*_EDITS, "locks", "options", "contact", "limits", "motors")
 
 
 def first_task_file(
@@ -197,7 +203,6 @@ def _model_changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "cone": ("pyramidal", not is_round),
     }
     options = {name: value for name, (value, has) in wanted.items() if not has}
-    has_ground = (model.body_weldid[model.geom_bodyid] == 0).any()
     groups = dict[float, list[str]]()
     for j in [] if model.nu else robot.joints:
         groups.setdefault(_strength(robot, j), []).append(model.joint(j).name)
@@ -212,7 +217,6 @@ def _model_changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "options": _flow(options, 6) if options else "",
         "contact": touches,
         "limits": (model.jnt_limited.astype(bool) & (model.jnt_solimp[:, 0] > 0.0)).any(),
-        "floor": robot.base and not has_ground and robot.gravity and robot.kind != "swimmer",
         "motors": motors,
         "servos": bool(robot.feet) or robot.strengths is not None,
         "only": _foot_contacts(robot) if touches else None,
@@ -230,7 +234,7 @@ def _foot_contacts(robot: Robot) -> list[list[str]]:
     if not grounds.any():
         grounds = (model.body_weldid[model.geom_bodyid] == 0) & touching_geoms(model)
     sides = [[model.geom(i).name for i in np.flatnonzero(these)] for these in (grounds, feet)]
-    pairs = [[ground, foot] for ground in sides[0] or ["floor"] for foot in sides[1]]
+    pairs = [[ground, foot] for ground in sides[0] for foot in sides[1]]
     return pairs if all(map(all, sides)) and len(pairs) <= MOST_CONTACTS else []
 
 
@@ -327,7 +331,7 @@ def _first_motion_values(robot: Robot) -> dict[str, Any]:
     """Returns which first motion it gets, one of five."""
     controls = controls_of(robot.model) if robot.model.nu else None
     is_servo = controls is not None and set(controls.kinds) == {ControlKind.POSITION}
-    path = robot.is_biped and controls is not None and not (is_servo and _stands_held(robot))
+    path = robot.is_biped and not ((is_servo or controls is None) and _stands_held(robot))
     held = bool(robot.height) or (robot.kind in ("arm", "hand") and is_servo)
     high = controls.limits[1] if controls else np.full(1, np.inf)
     share = 0.7 if robot.kind == "swimmer" else 0.2
@@ -349,11 +353,26 @@ def _first_motion_values(robot: Robot) -> dict[str, Any]:
 
 
 def _stands_held(robot: Robot) -> bool:
-    """Whether a robot with legs still stands after a horizon in which its servos hold the start."""
-    model, data = robot.model, copy(robot.data)
-    data.ctrl[:] = resting_controls(data)
-    steps = round(legged_numbers(robot)["horizon"] / model.opt.timestep)
-    mujoco.mj_step(model, data, steps)
+    """Whether a robot with legs still stands after as long as DDP plans, if servos hold the start.
+
+    Those are its own, or, if it has none, those that it shall get.
+    """
+    model, data = copy(robot.model), copy(robot.data)
+    numbers = legged_numbers(robot)
+    steps = round((numbers["horizon"] + numbers["lookahead"]) / model.opt.timestep)
+    if model.nu:
+        data.ctrl[:] = resting_controls(data)
+        mujoco.mj_step(model, data, steps)
+    else:
+        places, dofs = model.jnt_qposadr[robot.joints], model.jnt_dofadr[robot.joints]
+        limits = np.array([_strength(robot, j) for j in robot.joints])
+        servo, target = servo_numbers(robot, limits), data.qpos[places].copy()
+        model.dof_armature[dofs] += servo["armature"]
+        for _ in range(steps):
+            torque = servo["stiffness"] * (target - data.qpos[places])
+            torque -= servo["damping"] * data.qvel[dofs]
+            data.qfrc_applied[dofs] = np.clip(torque, -limits, limits)
+            mujoco.mj_step(model, data)
     fallen = data.xpos[robot.root, 2] - ground_of(robot) < _FALLEN * robot.height
     return not (ground_planes(robot).any() and fallen)
 
@@ -361,11 +380,11 @@ def _stands_held(robot: Robot) -> bool:
 def _strength(robot: Robot, joint: int) -> float:
     """Returns a limit for a joint's motor [N·m]: what the model allows, or what its load asks."""
     model = robot.model
-    if known := (robot.strengths or {}).get(model.joint(joint).name):
-        return min(known, strongest(robot)) if robot.feet else known
-    if model.jnt_actfrclimited[joint]:
-        return float(np.abs(model.jnt_actfrcrange[joint]).max())
-    return float(f"{_load(robot, joint):.3g}")
+    known = (robot.strengths or {}).get(model.joint(joint).name, 0.0)
+    if not known and model.jnt_actfrclimited[joint]:
+        known = float(np.abs(model.jnt_actfrcrange[joint]).max())
+    known = known or float(f"{_load(robot, joint):.3g}")
+    return min(known, strongest(robot)) if robot.feet else known
 
 
 def _load(robot: Robot, joint: int) -> float:

@@ -169,17 +169,59 @@ def foreign_bodies(model: mujoco.MjModel) -> list[str]:
     return [n for n in names if "target" not in n] + [model.body(i).name for i in sorted(tied)]
 
 
-def six_axis_base(model: mujoco.MjModel) -> str | None:
-    """Returns the robot's root if it goes and turns anywhere by joints of its own.
+def root_to_free(model: mujoco.MjModel) -> str | None:
+    """Returns the robot's root if it shall get a free joint.
 
-    Those are three slides and three hinges, which no actuator drives.
+    It goes and turns anywhere by joints of its own, three slides and three hinges that no actuator
+    drives; or its legs would carry it, but it has no joint, as in a URDF.
+
+    Raises:
+        InvalidInputError: no actuator drives a joint, and no joint could have one.
+    """
+    if legs_hang := _root_with_hanging_legs(model):
+        return legs_hang
+    robot = recognise_robot(model)
+    kinds = sorted(model.jnt_type[robot.base].tolist())
+    return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
+
+
+def lacks_ground(model: mujoco.MjModel) -> bool:
+    """Returns whether nothing would stop the robot's fall.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
     robot = recognise_robot(model)
-    kinds = sorted(model.jnt_type[robot.base].tolist())
-    return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
+    is_held = not robot.base or not robot.gravity or robot.kind == "swimmer"
+    return not is_held and not (model.body_weldid[model.geom_bodyid] == 0).any()
+
+
+def _root_with_hanging_legs(model: mujoco.MjModel) -> str | None:
+    """Returns a body without a joint from which two limbs or more hang lower than all else of it.
+
+    Such a limb has two hinges or more, goes down rather than aside, and ends as low as another.
+    """
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    bodies, own = np.arange(model.nbody), model.body_treeid
+    lows = data.xpos[:, 2].copy()  # of each body, or of its lowest shape
+    bottoms = _bottoms(model, data)
+    np.minimum.at(lows, model.geom_bodyid[np.isfinite(bottoms)], bottoms[np.isfinite(bottoms)])
+    for root in np.flatnonzero((model.body_parentid == 0) & (own < 0) & (bodies > 0)):
+        is_part = model.body_rootid == root
+        limbs = list[tuple[float, float]]()  # the heights of hip and end
+        for tree in np.unique(own[is_part & (own >= 0)]):
+            limb = np.flatnonzero(is_part & (own == tree))
+            hinges = np.flatnonzero(np.isin(model.jnt_bodyid, limb) & (model.jnt_type == HINGE))
+            hip, end = data.xpos[limb[0]], limb[lows[limb].argmin()]
+            aside = np.linalg.norm(data.xpos[end][:2] - hip[:2])
+            if len(hinges) > 1 and hip[2] - lows[end] > aside:
+                limbs.append((float(hip[2]), float(lows[end])))
+        lowest = min((end for _, end in limbs), default=0.0)
+        legs = [hip - end for hip, end in limbs if end < lowest + 0.1 * (hip - end)]
+        if len(legs) > 1 and lows[is_part & (own < 0)].min() > lowest + 0.3 * max(legs):
+            return str(model.body(root).name)
+    return None
 
 
 def has_motors_too_strong(model: mujoco.MjModel) -> bool:
@@ -249,9 +291,12 @@ def recognise_robot(model: mujoco.MjModel) -> Robot:
         robot.kind = "vehicle"
         if robot.gravity and _height_index(robot) is not None:
             _stand_on_ground(robot)
-        if robot.key is not None and _is_crouching(robot):
+        if robot.key is not None and (not robot.feet or _is_crouching(robot)):
             stands = robot.reset(None).frame[2, 2] > 0.9
-            _stand_on_ground(robot if stands else robot.reset(key))
+            if stands:
+                _stand_on_ground(robot)
+            if not (stands and robot.feet):
+                _stand_on_ground(robot.reset(key))
     elif robot.gravity and any(_is_moved_by_gravity(robot, j) for j in robot.joints):
         robot.kind = "pendulum"
     elif finger_count(robot) > 2:
@@ -454,11 +499,17 @@ def ground_planes(robot: Robot) -> Mask:
 
 
 def bottoms_of(robot: Robot) -> Array:
+    """Returns the height of the lowest point of each of its geoms that may touch, else inf."""
+    is_own = robot.in_tree(robot.model.geom_bodyid)
+    return np.where(is_own, _bottoms(robot.model, robot.data), np.inf)
+
+
+def _bottoms(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     """Returns the height of each geom's lowest point, inf if it touches nothing, shape (ngeom,).
 
     Those of spheres, capsules, boxes and meshes are exact, others reach as far as their boxes.
     """
-    model, rows = robot.model, robot.data.geom_xmat[:, 6:]
+    rows = data.geom_xmat[:, 6:]
     boxes = np.abs(rows * model.geom_aabb[:, 3:]).sum(axis=1)
     boxes -= (rows * model.geom_aabb[:, :3]).sum(axis=1)
     meshes = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & touching_geoms(model)
@@ -469,8 +520,8 @@ def bottoms_of(robot: Robot) -> Array:
     is_capsule = model.geom_type == mujoco.mjtGeom.mjGEOM_CAPSULE
     round_ends = model.geom_size[:, 0] + model.geom_size[:, 1] * np.abs(rows[:, 2]) * is_capsule
     is_round = is_capsule | (model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE)
-    bottoms = robot.data.geom_xpos[:, 2] - np.where(is_round, round_ends, boxes)
-    return np.where(touching_geoms(model) & robot.in_tree(model.geom_bodyid), bottoms, np.inf)
+    bottoms = data.geom_xpos[:, 2] - np.where(is_round, round_ends, boxes)
+    return np.where(touching_geoms(model), bottoms, np.inf)
 
 
 def _find_feet(robot: Robot) -> list[int]:

@@ -1,0 +1,66 @@
+# Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
+"""Reads a robot's model from its MJCF or its URDF.
+
+A URDF says some things otherwise than MuJoCo takes them: it names meshes by package, and gives
+links that are only frames inertias that no body has.
+"""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from vgps_ros.core.checks import told
+from vgps_ros.core.errors import InvalidEntryError
+from vgps_ros.simulation.model import MUJOCO_ERRORS
+from vgps_ros.simulation.packages import package_folders
+
+_SMALL = 0.01  # radius of the ball whose inertia a link has at least [m]
+
+
+def read_model(path: Path) -> mujoco.MjSpec:
+    """Returns the model in a file, in which each link of a URDF is a body.
+
+    Raises:
+        InvalidEntryError: MuJoCo cannot read the file.
+    """
+    if path.suffix.lower() == ".xacro":
+        raise InvalidEntryError(
+            ("model",),
+            "it is a xacro, of which the program xacro makes a URDF; type "
+            f"`xacro {path.name} > {path.stem}`, then name that file.",
+        )
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except MUJOCO_ERRORS as error:
+        sentence = f"the model is no valid MJCF or URDF: {told(error)}."
+        raise InvalidEntryError(("model",), sentence) from error
+    _find_meshes(spec, path.absolute())
+    if path.suffix.lower() == ".urdf":
+        spec.compiler.fusestatic = False
+        spec.compiler.balanceinertia = True
+        for body in spec.bodies[1:]:
+            _mend_inertia(body)
+    return spec
+
+
+def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
+    """Sets the files of meshes that are named by package, installed or around the model."""
+    for mesh in spec.meshes:
+        name, _, inside = mesh.file.removeprefix("package://").partition("/")
+        if inside and mesh.file.startswith("package://"):
+            around = [parent / part for parent in path.parents for part in ("", name)]
+            files = [folder / inside for folder in (*around, *package_folders(name))]
+            mesh.file = str(next(filter(Path.is_file, files), mesh.file))
+
+
+def _mend_inertia(body: mujoco.MjsBody) -> None:
+    """Raises principal moments of inertia that are not positive to those of a small ball."""
+    xx, yy, zz, xy, xz, yz = body.fullinertia
+    if not body.explicitinertial or np.isnan(xx) or not body.mass:
+        return
+    moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least = 0.4 * body.mass * _SMALL**2
+    if moments[0] < 1e-3 * least:
+        full = (axes * np.maximum(moments, least)) @ axes.T
+        body.fullinertia = full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
