@@ -446,8 +446,11 @@ def test_an_axis_that_turns_in_a_plane_is_moved_though_not_across_it(folder, cap
     assert "No control moves" not in check(folder, capsys, ("cost:", axis))
 
 
-def write_legged_urdf(path, foot):
-    """Writes four legs of two hinges, as a URDF has them: no free joint, floor, motors or mesh."""
+def write_legged_urdf(path, foot, wheels=False):
+    """Writes four legs of two hinges, as a URDF has them: no free joint, floor, motors or mesh.
+
+    A leg ends at the height `foot` [m], in a ball, or in a wheel that turns without end.
+    """
 
     def link(name, mass, more):
         moments = 'ixx="{0}" iyy="{0}" izz="{0}" ixy="0" ixz="0" iyz="0"'.format(mass / 500)
@@ -455,16 +458,18 @@ def write_legged_urdf(path, foot):
             f"</inertial>{more}</link>"
         )
 
-    def hinge(parent, child, place, low, high):
+    def hinge(parent, child, place, limits='lower="-2.5" upper="2.5" '):
+        kind = "revolute" if limits else "continuous"
         return (
-            f'<joint name="{child}_joint" type="revolute"><parent link="{parent}"/>'
+            f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/>'
             f'<child link="{child}"/><origin xyz="{place}"/><axis xyz="0 1 0"/>'
-            f'<limit lower="{low}" upper="{high}" effort="9" velocity="9"/></joint>'
+            f'<limit {limits}effort="9" velocity="9"/></joint>'
         )
 
     def shape(place, geometry):
         return f'<collision><origin xyz="{place}"/><geometry>{geometry}</geometry></collision>'
 
+    ball = '<sphere radius=".02"/>'
     # The root of many URDFs is a frame that weighs next to nothing, with moments no body has.
     parts = [
         '<link name="base"><inertial><mass value="1e-6"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6" '
@@ -474,15 +479,18 @@ def write_legged_urdf(path, foot):
     ]
     for name, x, y in (("lf", 1, 1), ("rf", 1, -1), ("lh", -1, 1), ("rh", -1, -1)):
         parts += [
-            hinge("trunk", f"{name}_thigh", f"{x * 0.2} {y * 0.15} 0", -1.5, 1.5),
+            hinge("trunk", f"{name}_thigh", f"{x * 0.2} {y * 0.15} 0"),
             link(
                 f"{name}_thigh",
                 0.5,
                 shape(f"0 0 {foot / 4}", '<cylinder radius=".02" length=".08"/>'),
             ),
-            hinge(f"{name}_thigh", f"{name}_shank", f"0 0 {foot / 2}", -2.5, 2.5),
-            link(f"{name}_shank", 0.2, shape(f"0 0 {foot / 2}", '<sphere radius=".02"/>')),
+            hinge(f"{name}_thigh", f"{name}_shank", f"0 0 {foot / 2}"),
+            link(f"{name}_shank", 0.2, "" if wheels else shape(f"0 0 {foot / 2}", ball)),
         ]
+        if wheels:
+            parts.append(hinge(f"{name}_shank", f"{name}_wheel", f"0 0 {foot / 2}", limits=""))
+            parts.append(link(f"{name}_wheel", 0.1, shape("0 0 0", ball)))
     path.write_text(f'<robot name="four">{"".join(parts)}</robot>')
 
 
@@ -494,6 +502,15 @@ def test_a_urdf_whose_legs_hang_gets_a_free_joint_a_floor_and_servos(folder, cap
     assert "free_bodies: [base]" in text
     main(["check", "mine", "--iterations", "10"])
     assert "DDP's motion does" in capsys.readouterr().out
+
+
+def test_wheels_at_the_ends_of_legs_are_locked_and_stand_as_feet(folder, capsys):
+    write_legged_urdf(folder / "four.urdf", foot=-0.3, wheels=True)
+    main(["new", "mine", "--model", "four.urdf"])
+    assert "Locked the wheels lf_wheel_joint, rf_wheel_joint" in capsys.readouterr().out
+    text = (folder / "mine" / "task.yaml").read_text()
+    assert "# Legs, 4 (7.2 kg" in text
+    assert "lh_wheel_joint: {lock: 0}" in text
 
 
 def test_limbs_that_reach_up_are_no_legs(folder):

@@ -71,6 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
         foreign_bodies,
         has_motors_too_strong,
         lacks_ground,
+        leg_wheels,
         root_to_free,
     )
 
@@ -106,6 +107,10 @@ def run(arguments: argparse.Namespace) -> None:
         model = compiled(free_bodies=[base])
     if lacks_ground(model):
         model = compiled(floor=True)
+    if wheels := leg_wheels(model):
+        locks |= {wheel: {"lock": 0.0} for wheel in wheels}
+        model = compiled(joints=locks)
+        print(f"Locked the wheels {', '.join(wheels)}, so that legs stand on them as on feet.")
     if foreign := foreign_bodies(model):
         model = compiled(remove_bodies=foreign)
     former = model

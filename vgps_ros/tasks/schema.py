@@ -621,7 +621,7 @@ class TaskFile(Record, frozen=True, kw_only=True):
     model: Annotated[
         Name,
         about(
-            "the robot's MJCF: a path from this file's folder, or package://PACKAGE/PATH",
+            "the robot's MJCF or URDF: a path from this file's folder, or package://PACKAGE/PATH",
             "hopper.xml",
         ),
     ]

@@ -166,11 +166,12 @@ def existing_file(folder: Path, name: str) -> Path:
         path = folder / name
         if path.is_file():
             return path
-        others = [entry.name for entry in islice(os.scandir(folder), 1000)]
+        others = [entry.name for entry in islice(os.scandir(path.parent), 1000)]
     except (OSError, RuntimeError) as error:  # a name that is too long, a loop of links
         raise InvalidInputError(f"the file {quote(name)} cannot be found.") from error
     raise InvalidInputError(
-        f"there is no file {quote(name)} in {show_path(folder)}.{nearest(name, others)}"
+        f"there is no file {quote(path.name)} in {show_path(path.parent)}."
+        f"{nearest(path.name, others)}"
     )
 
 

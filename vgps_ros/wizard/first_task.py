@@ -365,13 +365,13 @@ def _stands_held(robot: Robot) -> bool:
         mujoco.mj_step(model, data, steps)
     else:
         places, dofs = model.jnt_qposadr[robot.joints], model.jnt_dofadr[robot.joints]
-        limits = np.array([_strength(robot, j) for j in robot.joints])
-        servo, target = servo_numbers(robot, limits), data.qpos[places].copy()
-        model.dof_armature[dofs] += servo["armature"]
+        limits, target = [_strength(robot, j) for j in robot.joints], data.qpos[places].copy()
+        servos = [[*servo_numbers(robot, limit).values()] for limit in limits]
+        stiffness, damping, armature = np.transpose(servos)
+        model.dof_armature[dofs] += armature
         for _ in range(steps):
-            torque = servo["stiffness"] * (target - data.qpos[places])
-            torque -= servo["damping"] * data.qvel[dofs]
-            data.qfrc_applied[dofs] = np.clip(torque, -limits, limits)
+            torque = stiffness * (target - data.qpos[places]) - damping * data.qvel[dofs]
+            data.qfrc_applied[dofs] = np.clip(torque, np.negative(limits), limits)
             mujoco.mj_step(model, data)
     fallen = data.xpos[robot.root, 2] - ground_of(robot) < _FALLEN * robot.height
     return not (ground_planes(robot).any() and fallen)

@@ -185,6 +185,25 @@ def root_to_free(model: mujoco.MjModel) -> str | None:
     return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
 
 
+def leg_wheels(model: mujoco.MjModel) -> list[str]:
+    """Returns the joints of wheels at the ends of legs, where a robot would have no feet else.
+
+    Raises:
+        InvalidInputError: no actuator drives a joint, and no joint could have one.
+    """
+    robot = recognise_robot(model)
+    if robot.feet or not robot.base:
+        return []
+    bottoms, found = bottoms_of(robot), list[str]()
+    for j in robot.hinges:
+        body = int(model.jnt_bodyid[j])
+        shapes = np.flatnonzero((model.geom_bodyid == body) & np.isfinite(bottoms))
+        hinges = np.isin(model.jnt_bodyid[robot.hinges], robot.chain(body)).sum()
+        if hinges > 2 and shapes.size and _is_wheel(robot, body, shapes):
+            found.append(model.joint(j).name)
+    return found
+
+
 def lacks_ground(model: mujoco.MjModel) -> bool:
     """Returns whether nothing would stop the robot's fall.
 
