@@ -513,6 +513,14 @@ def test_wheels_at_the_ends_of_legs_are_locked_and_stand_as_feet(folder, capsys)
     assert "lh_wheel_joint: {lock: 0}" in text
 
 
+def test_a_robot_goes_where_its_hinges_move_its_feet(folder):
+    write_legged_urdf(folder / "four.urdf", foot=-0.3)
+    text = (folder / "four.urdf").read_text().replace('axis xyz="0 1 0"', 'axis xyz="1 0 0"')
+    (folder / "four.urdf").write_text(text)
+    main(["new", "mine", "--model", "four.urdf"])
+    assert "index: y, target: {command: forward}" in (folder / "mine" / "task.yaml").read_text()
+
+
 def test_limbs_that_reach_up_are_no_legs(folder):
     write_legged_urdf(folder / "four.urdf", foot=0.3)
     main(["new", "mine", "--model", "four.urdf"])

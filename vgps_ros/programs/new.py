@@ -94,13 +94,14 @@ def run(arguments: argparse.Namespace) -> None:
     try:
         model = compiled()
     except InvalidInputError as error:  # files of meshes may be elsewhere
-        for drop in (["visual"], ["meshes"]):
+        for drop, what in (("visual", "what only shows"), ("meshes", "meshes")):
             with suppress(InvalidInputError):
-                model = compiled(drop=drop)
+                model = compiled(drop=[drop])
                 break
         else:
             raise
-        print(f"Without {drop[0]}, since {error}")
+        cause = str(error).removeprefix("model: ").partition(";")[0].rstrip(".")
+        print(f"Without {what}, since {cause}.")
     if locks := _locks(arguments.lock):
         model = compiled(joints=locks)
     if base := root_to_free(model):

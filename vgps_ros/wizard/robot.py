@@ -655,7 +655,10 @@ def _bend_knees(robot: Robot, original: Array) -> None:
 
 
 def _set_forward(robot: Robot) -> None:
-    """Sets the direction in which a robot goes: that of a swimmer's head, or across its sides."""
+    """Sets the direction in which a robot goes: that of a swimmer's head, or across its sides.
+
+    One whose feet hardly move in that direction goes in the other.
+    """
     model, data = robot.model, robot.data
     bodies = np.flatnonzero(robot.in_tree(np.arange(model.nbody)))
     if robot.kind == "swimmer":
@@ -669,8 +672,18 @@ def _set_forward(robot: Robot) -> None:
         images = [local * [-1.0, 1.0, 1.0], local * [1.0, -1.0, 1.0]]
         gaps = (np.abs(image[:, None] - local).sum(axis=2) for image in images)
         unlike = [each.min(axis=1).sum() for each in gaps]
-        if unlike[0] < 0.1 * unlike[1]:
+        along, across = _foot_reach(robot)[:2]
+        if unlike[0] < 0.1 * unlike[1] or along < 0.1 * across:
             robot.forward = ("y", 1.0)
+
+
+def _foot_reach(robot: Robot) -> Array:
+    """Returns how far hinges move the feet along each of the root's axes [m/rad], shape (3,)."""
+    model, found, jacobian = robot.model, np.zeros(3), np.empty((3, robot.model.nv))
+    for foot, leg in zip(robot.feet, legs_of(robot), strict=True):
+        mujoco.mj_jacGeom(model, robot.data, jacobian, None, foot)
+        found += np.abs(robot.frame.T @ jacobian[:, model.jnt_dofadr[leg]]).sum(axis=1)
+    return found
 
 
 def _set_goal(robot: Robot) -> None:
