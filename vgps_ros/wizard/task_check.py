@@ -108,16 +108,20 @@ def examine_task(
         )
         return found
     linear, _ = task.dynamics.linearize(first)
-    found.errors = derivative_errors(task, first)
     is_unmoved = _find_unmoved(task, first, linear)
     found.troubles += [
         f"No control moves the cost's {name}: is it the right sensor, does the robot touch what it "
         "measures, and are the actuators strong enough?"
         for name in np.array(task.cost_names)[is_unmoved]
     ]
-    found.troubles += inexact(task, found.errors)
+    if not found.is_guess:
+        found.errors = derivative_errors(task, first)
+        found.troubles += inexact(task, found.errors)
     start = replace(nominal, linear_dynamics=linear)
     q = _optimize(task, request, start, on_iteration, seconds, found)
+    if found.is_guess:  # whose feet rest just where contact begins, where no derivative exists
+        found.errors = derivative_errors(task, found.optimized or first)
+        found.troubles += inexact(task, found.errors)
     names = [*task.cost_names, "controls"]
     costs = (_parts_of(task, motion) for motion in (first, found.optimized or first))
     found.parts = list(zip(names, *costs, strict=True))
