@@ -476,6 +476,9 @@ def write_legged_urdf(path, foot, wheels=False):
         'ixy="1e-6" ixz="1e-6" iyz="1e-6"/></inertial></link>',
         link("trunk", 4, shape("0 0 0", '<box size=".4 .2 .1"/>')),
         '<joint name="to_trunk" type="fixed"><parent link="base"/><child link="trunk"/></joint>',
+        # A link without inertial weighs nothing, whatever its shape.
+        f'<link name="cover">{shape("0 0 .05", """<box size=".3 .2 .02"/>""")}</link>',
+        '<joint name="to_cover" type="fixed"><parent link="trunk"/><child link="cover"/></joint>',
     ]
     for name, x, y in (("lf", 1, 1), ("rf", 1, -1), ("lh", -1, 1), ("rh", -1, -1)):
         parts += [

@@ -41,6 +41,8 @@ def read_model(path: Path) -> mujoco.MjSpec:
         spec.compiler.balanceinertia = True
         for body in spec.bodies[1:]:
             _mend_inertia(body)
+        if any(body.explicitinertial for body in spec.bodies):
+            _weigh_nothing(spec)
     return spec
 
 
@@ -52,6 +54,17 @@ def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
             around = [parent / part for parent in path.parents for part in ("", name)]
             files = [folder / inside for folder in (*around, *package_folders(name))]
             mesh.file = str(next(filter(Path.is_file, files), mesh.file))
+
+
+def _weigh_nothing(spec: mujoco.MjSpec) -> None:
+    """Gives links without an inertial no mass, which MuJoCo would take from their shapes.
+
+    One that moves keeps it, since MuJoCo has no joint without.
+    """
+    for body in spec.bodies[1:]:
+        if not body.explicitinertial and not body.joints:
+            for geom in body.geoms:
+                geom.density = 0.0
 
 
 def _mend_inertia(body: mujoco.MjsBody) -> None:
