@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.simulation.model_changes import changed_spec, self_contained
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, shorten
     from vgps_ros.wizard.first_task import first_task_file
-    from vgps_ros.wizard.robot import (
+    from vgps_ros.wizard.model_edits import (
         foreign_bodies,
         has_motors_too_strong,
         lacks_ground,
@@ -94,14 +94,15 @@ def run(arguments: argparse.Namespace) -> None:
     try:
         model = compiled()
     except InvalidInputError as error:  # files of meshes may be elsewhere
-        for drop, what in (("visual", "what only shows"), ("meshes", "meshes")):
+        words = {"visual": "what only shows", "meshes": "meshes"}
+        for drop in words:
             with suppress(InvalidInputError):
                 model = compiled(drop=[drop])
                 break
         else:
             raise
         cause = str(error).removeprefix("model: ").partition(";")[0].rstrip(".")
-        print(f"Without {what}, since {cause}.")
+        print(f"Without {words[drop]}, since {cause}.")
     if locks := _locks(arguments.lock):
         model = compiled(joints=locks)
     if base := root_to_free(model):

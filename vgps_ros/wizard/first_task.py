@@ -24,6 +24,7 @@ from vgps_ros.simulation.model import joint_names
 from vgps_ros.tasks.builder import swap_parts
 from vgps_ros.tasks.schema import MOST_CONTACTS
 from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, servo_reach, strongest
+from vgps_ros.wizard.model_edits import has_motors_too_strong
 from vgps_ros.wizard.robot import (
     BALL,
     FREE,
@@ -35,7 +36,6 @@ from vgps_ros.wizard.robot import (
     free_object_joint,
     ground_of,
     ground_planes,
-    has_motors_too_strong,
     legs_of,
     recognise_robot,
     swing_time,
