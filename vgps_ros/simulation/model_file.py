@@ -30,13 +30,14 @@ def read_model(path: Path) -> mujoco.MjSpec:
             "it is a xacro, of which the program xacro makes a URDF; type "
             f"`xacro {path.name} > {path.stem}`, then name that file.",
         )
+    is_urdf = path.suffix.lower() == ".urdf"
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except MUJOCO_ERRORS as error:
-        sentence = f"the model is no valid MJCF or URDF: {told(error)}."
+        sentence = f"the model is no valid {'URDF' if is_urdf else 'MJCF'}: {told(error)}."
         raise InvalidEntryError(("model",), sentence) from error
     _find_meshes(spec, path.absolute())
-    if path.suffix.lower() == ".urdf":
+    if is_urdf:
         spec.compiler.fusestatic = False
         spec.compiler.balanceinertia = True
         for body in spec.bodies[1:]:

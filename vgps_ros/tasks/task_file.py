@@ -169,10 +169,8 @@ def existing_file(folder: Path, name: str) -> Path:
         others = [entry.name for entry in islice(os.scandir(path.parent), 1000)]
     except (OSError, RuntimeError) as error:  # a name that is too long, a loop of links
         raise InvalidInputError(f"the file {quote(name)} cannot be found.") from error
-    raise InvalidInputError(
-        f"there is no file {quote(path.name)} in {show_path(path.parent)}."
-        f"{nearest(path.name, others)}"
-    )
+    where = "" if Path(name).is_absolute() else f" in {show_path(folder)}"
+    raise InvalidInputError(f"there is no file {quote(name)}{where}.{nearest(path.name, others)}")
 
 
 class Entries(dict[str, Any]):
