@@ -1,8 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Reads a robot's model from its MJCF or its URDF.
 
-A URDF says some things otherwise than MuJoCo takes them: it names meshes by package, and gives
-links that are only frames inertias that no body has.
+A URDF says some things otherwise than MuJoCo takes them: it names meshes by package, its links
+that are only frames have inertias that no real body has, and one without an inertial is massless.
 """
 
 from pathlib import Path
@@ -60,7 +60,7 @@ def _find_meshes(spec: mujoco.MjSpec, path: Path) -> None:
 def _weigh_nothing(spec: mujoco.MjSpec) -> None:
     """Gives links without an inertial no mass, which MuJoCo would take from their shapes.
 
-    One that moves keeps it, since MuJoCo has no joint without.
+    A link that a joint moves keeps that mass, since MuJoCo refuses a moving body without any.
     """
     for body in spec.bodies[1:]:
         if not body.explicitinertial and not body.joints:
@@ -74,7 +74,7 @@ def _mend_inertia(body: mujoco.MjsBody) -> None:
     if not body.explicitinertial or np.isnan(xx) or not body.mass:
         return
     moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    least = 0.4 * body.mass * _SMALL**2
-    if moments[0] < 1e-3 * least:
+    least = 0.4 * body.mass * _SMALL**2  # 2/5 m r², of a solid ball
+    if moments[0] < 1e-3 * least:  # smaller than of any real link, or not positive
         full = (axes * np.maximum(moments, least)) @ axes.T
         body.fullinertia = full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]

@@ -44,8 +44,8 @@ def root_to_free(model: mujoco.MjModel) -> str | None:
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
-    if legs_hang := _root_with_hanging_legs(model):
-        return legs_hang
+    if (root := _root_with_hanging_legs(model)) is not None:
+        return root
     robot = recognise_robot(model)
     kinds = sorted(model.jnt_type[robot.base].tolist())
     return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
