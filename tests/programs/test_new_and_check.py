@@ -503,6 +503,8 @@ def test_a_urdf_whose_legs_hang_gets_a_free_joint_a_floor_and_servos(folder, cap
     text = (folder / "mine" / "task.yaml").read_text()
     assert "# Legs, 4 (6.8 kg, a free base" in text
     assert "free_bodies: [base]" in text
+    # The trunk touches nothing, and is drawn nevertheless.
+    assert make_task("mine").dynamics.model.body("trunk").geomnum == 1
     main(["check", "mine", "--iterations", "10"])
     assert "DDP's motion does" in capsys.readouterr().out
 

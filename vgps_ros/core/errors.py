@@ -57,13 +57,7 @@ class DivergenceError(VgpsError, ArithmeticError):
         status: a name for the cause, one of STATUSES.
     """
 
-    STATUSES = (
-        "diverged",
-        "infinite_cost",
-        "indefinite_quu",
-        "exploding_marginals",
-        "open_gaps",
-    )
+    STATUSES = ("diverged", "infinite_cost", "indefinite_quu", "exploding_marginals", "open_gaps")
 
     def __init__(self, sentence: str, status: str = "diverged"):
         super().__init__(sentence)

@@ -8,16 +8,12 @@ import argparse
 import math
 import os
 import shlex
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-
-if TYPE_CHECKING:
-    import mujoco
 
 
 def add_arguments(parser: Parser) -> None:
@@ -63,17 +59,9 @@ def _locks(given: list[str]) -> dict[str, Any]:
 
 def run(arguments: argparse.Namespace) -> None:
     """Writes the file."""
-    from vgps_ros.simulation.model import compile_model, try_model
-    from vgps_ros.simulation.model_changes import changed_spec, self_contained
     from vgps_ros.tasks.task_file import SCHEMA_PATH, find_model, shorten
     from vgps_ros.wizard.first_task import first_task_file
-    from vgps_ros.wizard.model_edits import (
-        foreign_bodies,
-        has_motors_too_strong,
-        lacks_ground,
-        leg_wheels,
-        root_to_free,
-    )
+    from vgps_ros.wizard.model_edits import edit_model
 
     path = arguments.folder / "task.yaml"
     refuse_existing([path], overwrite=arguments.overwrite)
@@ -84,41 +72,10 @@ def run(arguments: argparse.Namespace) -> None:
         raise InvalidInputError(shorten(f"--model: {error.sentence}")) from error
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
-    changes = dict[str, Any]()
-
-    def compiled(**more: Any) -> "mujoco.MjModel":
-        changes.update(more)
-        text = try_model(lambda: [self_contained(changed_spec(found, changes, {}))])
-        return compile_model(text, is_tried=True)
-
-    try:
-        model = compiled()
-    except InvalidInputError as error:  # files of meshes may be elsewhere
-        words = {"visual": "what only shows", "meshes": "meshes"}
-        for drop in words:
-            with suppress(InvalidInputError):
-                model = compiled(drop=[drop])
-                break
-        else:
-            raise
-        cause = str(error).removeprefix("model: ").partition(";")[0].rstrip(".")
-        print(f"Without {words[drop]}, since {cause}.")
-    if locks := _locks(arguments.lock):
-        model = compiled(joints=locks)
-    if base := root_to_free(model):
-        model = compiled(free_bodies=[base])
-    if lacks_ground(model):
-        model = compiled(floor=True)
-    if wheels := leg_wheels(model):
-        locks |= {wheel: {"lock": 0.0} for wheel in wheels}
-        model = compiled(joints=locks)
-        print(f"Locked the wheels {', '.join(wheels)}, so that legs stand on them as on feet.")
-    if foreign := foreign_bodies(model):
-        model = compiled(remove_bodies=foreign)
-    former = model
-    if model.nu and (arguments.servos or has_motors_too_strong(model)):
-        model = compiled(remove_actuators=["*"])
-    text = first_task_file(reference, model, str(SCHEMA_PATH), changes, former)
+    edited = edit_model(found, _locks(arguments.lock), servos=arguments.servos)
+    for note in edited.notes:
+        print(note)
+    text = first_task_file(reference, edited, str(SCHEMA_PATH))
     arguments.folder.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     name = shlex.quote(str(path))

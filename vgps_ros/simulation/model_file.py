@@ -39,6 +39,7 @@ def read_model(path: Path) -> mujoco.MjSpec:
     _find_meshes(spec, path.absolute())
     if is_urdf:
         spec.compiler.fusestatic = False
+        spec.compiler.discardvisual = False  # what touches nothing is drawn nevertheless
         spec.compiler.balanceinertia = True
         for body in spec.bodies[1:]:
             _mend_inertia(body)

@@ -24,7 +24,7 @@ from vgps_ros.simulation.model import joint_names
 from vgps_ros.tasks.builder import swap_parts
 from vgps_ros.tasks.schema import MOST_CONTACTS
 from vgps_ros.wizard.legged_scale import legged_numbers, servo_numbers, servo_reach, strongest
-from vgps_ros.wizard.model_edits import has_motors_too_strong
+from vgps_ros.wizard.model_edits import EditedModel, has_motors_too_strong
 from vgps_ros.wizard.robot import (
     BALL,
     FREE,
@@ -53,32 +53,20 @@ _SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names m
 _PERIOD = 0.02  # of control, of what swims or swings [s]
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
-_EDITS = (
-    "drop",
-    "floor",
-    "remove_bodies",
-    "free_bodies",
-    "remove_actuators",
-)  # that were made before
+_EDITS = ("drop", "floor", "remove_bodies", "free_bodies", "remove_actuators")  # made before
 _CHANGES = (*_EDITS, "locks", "options", "contact", "limits", "motors")
 
 
-def first_task_file(
-    reference: str,
-    model: mujoco.MjModel,
-    schema: str,
-    changes: dict[str, Any],
-    former: mujoco.MjModel,
-) -> str:
+def first_task_file(reference: str, edited: EditedModel, schema: str) -> str:
     """Returns the text of a task file for a model, all of whose joints and actuators have names.
 
-    The file names the model by the reference, and a JSON schema by its path, for editors; `changes`
-    is what has been dropped, locked and removed of the model already, as a task's `changes` have
-    it, and `former` the model with its own actuators, as strong as which servos in their place are.
+    The file names the model by the reference, and a JSON schema by its path, for editors. Servos in
+    place of the robot's own actuators are as strong as those are.
 
     Raises:
         InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
+    model, former, changes = edited.model, edited.driven, edited.changes
     robot = replace(recognise_robot(model))
     if former.nu > model.nu:
         largest = controls_of(former).largest
@@ -226,7 +214,7 @@ def _model_changes(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
 def _foot_contacts(robot: Robot) -> list[list[str]]:
     """Returns the pairs of a ground and a foot, if all have names and nothing else moves."""
     model = robot.model
-    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `foreign_bodies` leaves
+    if not robot.in_tree(model.dof_bodyid).all():  # a target, which `edit_model` leaves
         return []
     feet = np.isin(model.geom_bodyid, model.geom_bodyid[robot.feet])
     feet &= bottoms_of(robot) < ground_of(robot) + 0.1 * robot.leg

@@ -1,11 +1,19 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Says what has to be changed of a model before its first task file is written."""
+"""Changes a robot's model, in memory, as its first task file needs it."""
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.robot.controls import ControlKind
 from vgps_ros.simulation.controls import controls_of
+from vgps_ros.simulation.model import compile_model, try_model
+from vgps_ros.simulation.model_changes import changed_spec, self_contained
 from vgps_ros.wizard.robot import (
     HINGE,
     SLIDE,
@@ -17,16 +25,75 @@ from vgps_ros.wizard.robot import (
 )
 
 _SHAKEN = 25.0  # acceleration of a joint by its motor that no policy can steer, of g/l
+_DROPPED = {"visual": "what only shows", "meshes": "meshes"}  # the first one that is enough
 
 
-def foreign_bodies(model: mujoco.MjModel) -> list[str]:
+@dataclass
+class EditedModel:
+    """A robot's model with the changes that its first task file shall make.
+
+    Attributes:
+        model: compiled with all changes.
+        driven: the model before servos took the place of its actuators.
+        changes: as `changes` of a task file has them.
+        notes: sentences for the user, each on a change that was not asked for.
+    """
+
+    model: mujoco.MjModel
+    driven: mujoco.MjModel
+    changes: dict[str, Any]
+    notes: list[str]
+
+
+def edit_model(path: Path, locks: dict[str, Any], *, servos: bool) -> EditedModel:
+    """Returns the model in a file as a task can begin with it.
+
+    Locks are of joints, as `changes: {joints: ...}` has them. Servos take the place of all
+    actuators where that is asked for, or where motors are too strong for legs.
+
+    Raises:
+        InvalidInputError: the model does not compile, or has nothing that could be driven.
+    """
+    changes, notes = dict[str, Any](), list[str]()
+
+    def compiled(**more: Any) -> mujoco.MjModel:
+        changes.update(more)
+        text = try_model(lambda: [self_contained(changed_spec(path, changes, {}))])
+        return compile_model(text, is_tried=True)
+
+    try:
+        model = compiled()
+    except InvalidInputError as error:  # files of meshes may be elsewhere
+        for what in _DROPPED:
+            with suppress(InvalidInputError):
+                model = compiled(drop=[what])
+                break
+        else:
+            raise
+        cause = str(error).removeprefix("model: ").partition(";")[0].rstrip(".")
+        notes.append(f"Without {_DROPPED[what]}, since {cause}.")
+    if locks:
+        model = compiled(joints=locks)
+    if (root := _root_to_free(model)) is not None:
+        model = compiled(free_bodies=[root])
+    if _lacks_ground(model):
+        model = compiled(floor=True)
+    if wheels := _leg_wheels(model):
+        model = compiled(joints=locks | {wheel: {"lock": 0.0} for wheel in wheels})
+        notes.append(f"Locked the wheels {', '.join(wheels)}: legs stand on them as on feet.")
+    if foreign := _foreign_bodies(model):
+        model = compiled(remove_bodies=foreign)
+    driven = model
+    if model.nu and (servos or has_motors_too_strong(model)):
+        model = compiled(remove_actuators=["*"])
+    return EditedModel(model, driven, changes, notes)
+
+
+def _foreign_bodies(model: mujoco.MjModel) -> list[str]:
     """Returns the bodies that are no part of the robot's task.
 
     Those move beside a robot with legs, and are not called a target; or nothing moves them but a
     user's mouse (mocap), and they are welded to the robot, which they would hold.
-
-    Raises:
-        InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
     robot = recognise_robot(model)
     trees = {int(i) for i in model.dof_treeid if robot.feet} - {*robot.trees}
@@ -35,14 +102,11 @@ def foreign_bodies(model: mujoco.MjModel) -> list[str]:
     return [n for n in names if "target" not in n] + [model.body(i).name for i in sorted(tied)]
 
 
-def root_to_free(model: mujoco.MjModel) -> str | None:
+def _root_to_free(model: mujoco.MjModel) -> str | None:
     """Returns the robot's root if it shall get a free joint.
 
     It goes and turns anywhere by joints of its own, three slides and three hinges that no actuator
     drives; or its legs would carry it, but it has no joint, as in a URDF.
-
-    Raises:
-        InvalidInputError: no actuator drives a joint, and no joint could have one.
     """
     if (root := _root_with_hanging_legs(model)) is not None:
         return root
@@ -51,12 +115,8 @@ def root_to_free(model: mujoco.MjModel) -> str | None:
     return robot.name if kinds == 3 * [SLIDE] + 3 * [HINGE] else None
 
 
-def leg_wheels(model: mujoco.MjModel) -> list[str]:
-    """Returns the joints of wheels at the ends of legs, where a robot would have no feet else.
-
-    Raises:
-        InvalidInputError: no actuator drives a joint, and no joint could have one.
-    """
+def _leg_wheels(model: mujoco.MjModel) -> list[str]:
+    """Returns the joints of wheels at the ends of legs, where a robot would have no feet else."""
     robot = recognise_robot(model)
     if robot.feet or not robot.base:
         return []
@@ -70,12 +130,8 @@ def leg_wheels(model: mujoco.MjModel) -> list[str]:
     return found
 
 
-def lacks_ground(model: mujoco.MjModel) -> bool:
-    """Returns whether nothing would stop the robot's fall.
-
-    Raises:
-        InvalidInputError: no actuator drives a joint, and no joint could have one.
-    """
+def _lacks_ground(model: mujoco.MjModel) -> bool:
+    """Returns whether nothing would stop the robot's fall."""
     robot = recognise_robot(model)
     is_held = not robot.base or not robot.gravity or robot.kind == "swimmer"
     return not is_held and not (model.body_weldid[model.geom_bodyid] == 0).any()
