@@ -222,6 +222,15 @@ def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours)
     assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
 
 
+def test_those_of_another_run_are_replaced_where_that_is_asked_for_and_other_files_stay(folder):
+    (folder / "notes.txt").write_text("mine")
+    said: list[str] = []
+    checkpoints = Checkpoints(folder, said.append, overwrite=True)
+    assert next(search("vgps", ROTOR, SETTINGS, 4, solver(ROTOR), checkpoints)).k == 1
+    assert said == [f"The checkpoints of another training in '{folder}' are replaced."]
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
 def test_that_of_another_task_or_demonstration_is_refused(folder):
     demonstrated = dataclasses.replace(ROTOR, lookahead=1)
     for task in (make_task("swimmer"), demonstrated):

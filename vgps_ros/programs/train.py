@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> None:
         solvers or nullcontext(),
         TrainingProgress() as progress,
     ):
-        checkpoints = Checkpoints(output.checkpoints, progress.say)
+        checkpoints = Checkpoints(output.checkpoints, progress.say, overwrite=arguments.overwrite)
 
         def show(iteration: SearchIteration) -> None:
             progress.iteration(iteration, settings.iterations, remaining.after(iteration))

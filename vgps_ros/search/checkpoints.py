@@ -65,11 +65,15 @@ class Checkpoints:
     Args:
         folder: made with the first checkpoint.
         tell: takes a sentence on where a run goes on from, and on each file that is refused.
+        overwrite: whether checkpoints of another run are replaced, in place of a refusal.
     """
 
-    def __init__(self, folder: Path, tell: Callable[[str], None] = lambda _: None):
+    def __init__(
+        self, folder: Path, tell: Callable[[str], None] = lambda _: None, *, overwrite: bool = False
+    ):
         self.folder = folder
         self.tell = tell
+        self.overwrite = overwrite
 
     def save(self, run: Run, state: SearchState) -> None:
         """Writes a checkpoint in one piece.
@@ -90,7 +94,7 @@ class Checkpoints:
         is what the iterations of the run's method end with.
 
         Raises:
-            InvalidInputError: there are only checkpoints of another run.
+            InvalidInputError: there are only checkpoints of another run, and they stay.
         """
         found: list[SearchState] = []
         refused: list[Exception] = []
@@ -112,8 +116,10 @@ class Checkpoints:
             self.tell(f"Going on from iteration {state.k} of {run.settings.iterations}.")
             return state
         if refused and isinstance(refused[0], ForeignCheckpointError):
-            raise refused[0]
-        if refused:
+            if not self.overwrite:
+                raise refused[0]
+            self.tell(f"The checkpoints of another training in '{self.folder}' are replaced.")
+        elif refused:
             self.tell("There is no whole checkpoint: the training begins anew.")
         return None
 
