@@ -127,6 +127,26 @@ def test_a_finished_run_is_replaced_only_where_that_is_asked_for(tmp_path):
     assert json.loads((tmp_path / "run" / "result.json").read_text())["seed"] == 1
 
 
+def test_a_training_begins_with_the_policy_of_another_one(tmp_path):
+    def train(name, *more):
+        output = tmp_path / name
+        main(["--task", "rotor", "--iterations", "1", *more, "--output", str(output)])
+        found = json.loads((output / "result.json").read_text())
+        return found["iterations"][0]["deterministic_cost"], found["initial_ddp_cost"]
+
+    _, optimum = train("first", "--iterations", "6")
+    short = ("--seed", "2", "--fit-iterations", "1")
+    drawn, _ = train("drawn", *short)
+    begun, _ = train("begun", *short, "--from", str(tmp_path / "first"))
+    assert begun - optimum < 0.5 * (drawn - optimum)
+    with pytest.raises(
+        SystemExit, match=r"begin with has hidden_units \(\d+,\), but this training"
+    ):
+        train("other", "--hidden-units", "2", "--from", str(tmp_path / "first"))
+    with pytest.raises(SystemExit, match=r"none/policy\.json is not a readable policy file"):
+        train("none", "--from", str(tmp_path / "none"))
+
+
 def test_help_tells_what_each_setting_does_and_its_range(capsys):
     with pytest.raises(SystemExit):
         main(["--help"])

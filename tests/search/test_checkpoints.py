@@ -18,6 +18,7 @@ from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.iteration import SearchState
 from vgps_ros.search.methods import METHODS, search
 from vgps_ros.search.settings import MirrorSettings, search_settings
+from vgps_ros.search.workspace import Workspace
 from vgps_ros.storage.files import part_of, to_tree
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
@@ -220,6 +221,13 @@ def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours)
     assert f"or remove '{folder}' to begin anew" in str(refusal.value)
     assert said == []  # the refusal says it, once
     assert {f.name: f.read_bytes() for f in folder.iterdir()} == before
+
+
+def test_those_of_a_run_that_began_with_another_policy_are_refused(folder):
+    (policy,) = Workspace(ROTOR, SETTINGS, 3, solver(ROTOR)).first_policies(1)
+    known = Checkpoints(folder)
+    with pytest.raises(InvalidInputError, match="with first policy None, but this one has first"):
+        next(search("vgps", ROTOR, SETTINGS, 3, solver(ROTOR), known, policy))
 
 
 def test_those_of_another_run_are_replaced_where_that_is_asked_for_and_other_files_stay(folder):

@@ -23,7 +23,7 @@ from vgps_ros.core.seeding import SEED
 from vgps_ros.core.settings import settings_of, with_values
 from vgps_ros.programs.command_line import Parser, refuse_existing, settings_from
 from vgps_ros.search.settings import METHOD, PRESETS, SearchSettings, check_preset
-from vgps_ros.storage.run_folder import RunFolder
+from vgps_ros.storage.run_folder import RunFolder, load_policy
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK, task_settings
 
 if TYPE_CHECKING:
@@ -38,6 +38,14 @@ def add_arguments(parser: Parser) -> None:
     task = task_settings(parser.parse_known_args(words)[0].task)
     parser.add_settings(SEED)
     parser.add_output("--output", "folder for the results", required=True)
+    parser.add_argument(
+        "--from",
+        dest="first",
+        type=Path,
+        metavar="RUN",
+        help="folder of a finished training whose policy this one begins with, for instance with "
+        "other ranges of commands",
+    )
     parser.add_argument(
         "--check", action="store_true", help="only check the arguments: train and write nothing"
     )
@@ -67,10 +75,11 @@ def run(arguments: argparse.Namespace) -> None:
     if output.is_finished():
         refuse_existing([output.result], overwrite=arguments.overwrite)
     task = _task(arguments.task, arguments.demonstration, optimizer)
+    first = load_policy(RunFolder(arguments.first).policy)[0] if arguments.first else None
     if arguments.check:
         from vgps_ros.search.methods import check_search
 
-        check_search(arguments.method, task, settings, arguments.seed)
+        check_search(arguments.method, task, settings, arguments.seed, first)
         return
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
@@ -111,6 +120,7 @@ def run(arguments: argparse.Namespace) -> None:
             checkpoints=checkpoints,
             solvers=solvers,
             command=shlex.join(["vgps", "train", *arguments.parser.words]),
+            first_policy=first,
         )
     if events:
         events.close()

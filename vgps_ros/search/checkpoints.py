@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.settings import differences, values_of
 from vgps_ros.search.iteration import SearchState
@@ -41,15 +42,18 @@ class Run:
     task: Task
     settings: SearchSettings
     seed: int
+    first_policy: GaussianPolicy | None = None
 
     def identity(self) -> dict[str, Any]:
         """Returns all that the numbers of the run depend on, as JSON values by name."""
+        first = self.first_policy
         return {
             "format": FORMAT,
             "task": self.task.name,
             _CONTENT_OF_TASK: task_digest(self.task),
             "method": self.method,
             "seed": self.seed,
+            "first policy": first and hashlib.sha256(first.parameters.tobytes()).hexdigest()[:12],
             **values_of(self.settings, self.task.optimizer),
         }
 

@@ -13,7 +13,8 @@ from typing import Any
 
 from vgps_ros.core.checks import one_of
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import check_settings
+from vgps_ros.core.policy import GaussianPolicy
+from vgps_ros.core.settings import check_settings, differences
 from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.comparators.cost_weighted import cost_weighted
 from vgps_ros.search.comparators.dagger import Imitation, imitate
@@ -63,12 +64,18 @@ METHODS = {
 }
 
 
-def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -> SearchSettings:
+def check_search(
+    method: str,
+    task: Task,
+    settings: SearchSettings,
+    seed: int,
+    first_policy: GaussianPolicy | None = None,
+) -> SearchSettings:
     """Checks what a search would refuse; returns its settings, with those of the preset.
 
     Raises:
         InvalidInputError: the method is unknown, a setting or the seed is out of range, the policy
-            is too large, or settings do not suit the task.
+            is too large, the first one has another network, or settings do not suit the task.
     """
     one_of("method", method, METHODS)
     check_settings(settings)
@@ -80,7 +87,14 @@ def check_search(method: str, task: Task, settings: SearchSettings, seed: int) -
             f"The policies of {task.name} read former steps, which {method} does not draw; leave "
             "out last_action and history of the task, or use vgps."
         )
-    architecture(task, settings)  # a policy that is too large is refused before the first solve
+    network = architecture(task, settings)  # which refuses one that is too large
+    if first_policy:
+        theirs, ours = differences(vars(first_policy.architecture), vars(network))
+        if theirs:
+            raise InvalidInputError(
+                f"The policy to begin with has {theirs}, but this training has {ours}; train with "
+                "the same network, or without it."
+            )
     check_situations(task, settings, seed)
     return settings
 
@@ -95,6 +109,7 @@ def search(
     seed: int,
     optimize_all: OptimizeAll,
     checkpoints: Checkpoints | None = None,
+    first_policy: GaussianPolicy | None = None,
 ) -> Iterator[SearchIteration]:
     """Runs a method, yielding each iteration as it ends.
 
@@ -106,6 +121,7 @@ def search(
         optimize_all: solves the trajectory optimisations.
         checkpoints: where each iteration is kept as it ends, and where a run that was stopped goes
             on from: it yields the last iteration that was kept once more, then the next ones.
+        first_policy: the policy that the first fit begins with; None: it is drawn at random.
 
     Raises:
         InvalidInputError: the method is unknown, a setting is out of range, the checkpoints are
@@ -113,12 +129,12 @@ def search(
         DivergenceError: the first rollout of line 1 diverges.
         OSError: a checkpoint cannot be written.
     """
-    settings = check_search(method, task, settings, seed)
+    settings = check_search(method, task, settings, seed, first_policy)
     chosen = METHODS[method]
-    run = Run(method, task, settings, seed)
+    run = Run(method, task, settings, seed, first_policy)
     found = checkpoints.latest(run, chosen.update) if checkpoints else None
     known = found.initial_solutions if found else ()
-    work = Workspace(task, settings, seed, optimize_all, known, chosen.begin)
+    work = Workspace(task, settings, seed, optimize_all, known, chosen.begin, first_policy)
 
     def evaluated(update: Update, k: int) -> Evaluation:
         work.enter(update.solutions)

@@ -261,7 +261,7 @@ def bound_metrics(
         return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
 
     # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
-    pairs = [(work.random_policies(1)[0], work.scored([solutions[i] for i in stayed]))]
+    pairs = [(work.first_policies(1)[0], work.scored([solutions[i] for i in stayed]))]
     if before.last:
         pairs = [
             (pair.policy, work.scored([pair.solutions[i] for i in stayed]))

@@ -9,6 +9,7 @@ import yaml
 
 from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.optimizer_settings import OptimizerSettings
+from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.settings import values_of
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.iteration import SearchIteration
@@ -37,6 +38,7 @@ def train(
     checkpoints: Checkpoints | None = None,
     solvers: SolverProcesses | None = None,
     command: str = "",
+    first_policy: GaussianPolicy | None = None,
 ) -> dict[str, Any]:
     """Trains a policy.
 
@@ -54,6 +56,7 @@ def train(
         checkpoints: checkpoints from which a training that was stopped goes on, if given.
         solvers: processes that solve several requests at once; None: this one solves them in turn.
         command: the command of the training, for its record.
+        first_policy: the policy that the first fit begins with; None: it is drawn at random.
 
     Returns:
         The content of result.json.
@@ -82,7 +85,8 @@ def train(
             done += request.max_iterations
         return outcomes
 
-    for iteration in search(method, task, settings, seed, optimize_all, checkpoints):
+    found = search(method, task, settings, seed, optimize_all, checkpoints, first_policy)
+    for iteration in found:
         policy, history = iteration.policy, iteration.history
         content = result_content(task.name, method, seed, policy, history)
         output.save(content, policy)

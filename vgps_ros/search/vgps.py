@@ -87,7 +87,7 @@ def _fit_policy(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]
 
 
 def _first(work: Workspace) -> Sequence[Update]:  # line 1
-    policies = work.random_policies(work.settings.candidates)
+    policies = work.first_policies(work.settings.candidates)
     return [Update(policy, work.initial_solutions) for policy in policies]
 
 

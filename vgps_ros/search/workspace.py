@@ -64,6 +64,7 @@ class Workspace:
         optimize_all: solves the trajectory optimisations.
         initial_solutions: initial solutions of this run, if they are known already.
         begin: makes them otherwise.
+        first_policy: the policy that the first fit begins with; else it is drawn at random.
 
     Attributes:
         tasks: the task in each situation from which the policy learns.
@@ -87,10 +88,12 @@ class Workspace:
         optimize_all: OptimizeAll,
         initial_solutions: tuple[OptimizationResult, ...] = (),
         begin: "Callable[[Workspace], tuple[OptimizationResult, ...]] | None" = None,
+        first_policy: GaussianPolicy | None = None,
     ):
         self.task = task
         self.settings = settings
         self.seed = seed
+        self.first_policy = first_policy
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
         self.new_situations, self.found_situations = 0, 0
@@ -150,8 +153,13 @@ class Workspace:
             situation=situation,
         )
 
-    def random_policies(self, count: int) -> list[GaussianPolicy]:
-        """Draws networks for the first fit; a smaller count gives the first ones of a larger."""
+    def first_policies(self, count: int) -> list[GaussianPolicy]:
+        """Returns the policy that is given for the first fit, or else networks at random.
+
+        A smaller count of these gives the first ones of a larger.
+        """
+        if self.first_policy:
+            return [self.first_policy]
         rng, scaling = generator(self.seed, Stream.POLICY_PARAMETERS), self.standardization()
         return [initial_policy(scaling, rng) for _ in range(count)]
 
@@ -161,7 +169,7 @@ class Workspace:
         """Returns a policy fitted to the initial DDP solutions, or to the given distributions."""
         fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
         return fit_policy(
-            self.random_policies(1)[0],
+            self.first_policies(1)[0],
             self.task.observation,
             self.taught(self.initial_solutions) if distributions is None else distributions,
             fit,
