@@ -27,6 +27,7 @@ from benchmarks.figure1.statistics import (
     summary,
 )
 from benchmarks.figure1.table import Columns, by_panel
+from benchmarks.legs import rows as legs_rows
 from benchmarks.past_the_paper import METHODS as PAST
 from benchmarks.past_the_paper import PEERS
 from benchmarks.past_the_paper import rows as past_rows
@@ -37,6 +38,7 @@ from vgps_ros.search.seed_statistics import interquartile_mean, with_interval
 
 ROOT = Path(__file__).resolve().parents[1]
 EVIDENCE = ROOT / "docs" / "evidence"
+ROBOTS = EVIDENCE / "robots"
 CLAIMS = Path(__file__).with_name("claims.md")
 EXPLAINED = ("paper_and_ours.md", "past_the_paper.md")
 PAGES = (
@@ -264,6 +266,40 @@ def motions(names: Iterable[str]) -> str:
     return table(head, shown)
 
 
+def legs() -> str:
+    """Returns the table of robots with legs that obey commands: a line each, its seeds in order."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for row in sorted(legs_rows(), key=lambda row: int(row["seed"])):
+        found.setdefault(row["robot"], []).append(row)
+
+    def shares(name: str, own: list[dict[str, Any]]) -> str:
+        values = (row[name] for row in own)
+        return " / ".join("–" if share is None else f"{100 * share:.0f}" for share in values)
+
+    shown = []
+    for robot in sorted(found, key=lambda robot: -min(row["obeys"] for row in found[robot])):
+        own = found[robot]
+        picture = f"{robot.lower().replace(' ', '_')}.png"
+        errors = (" ".join(f"{e:.3f}".removeprefix("0") for e in row["errors"]) for row in own)
+        shown.append(
+            (
+                f"[{robot}](robots/{picture})" if (ROBOTS / picture).is_file() else robot,
+                own[0]["note"],
+                _each("seed", own),
+                shares("up", own),
+                shares("obeys", own),
+                shares("changing_up", own),
+                shares("changing_obeys", own),
+                " / ".join(errors),
+                _each("borne", own).replace("None", "–"),
+                _each("minutes", own, "{:.0f}"),
+                ", ".join(dict.fromkeys(row["commit"] for row in own)),
+            )
+        )
+    head = ["robot", "its model", "seeds", "up [%]", "obeys [%]", "changing: up", "obeys"]
+    return table((*head, "errors", "borne [N·s]", "minutes", "commit"), shown)
+
+
 def _each(name: str, rows: Iterable[dict[str, Any]], form: str = "{}") -> str:
     return " / ".join(form.format(row[name]) for row in rows) or "–"
 
@@ -342,6 +378,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "robots from a pose": lambda: motions(n for n in robots() if n.startswith(ALONE)),
     "robustness": robustness,
     "past the paper": past_the_paper,
+    "legs": legs,
     "fresh seeds of the quadruped": fresh_seeds,
 }
 
