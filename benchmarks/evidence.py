@@ -292,12 +292,13 @@ def legs() -> str:
                 shares("changing_obeys", own),
                 " / ".join(errors),
                 _each("borne", own).replace("None", "–"),
+                shares("late", own),
                 _each("minutes", own, "{:.0f}"),
                 ", ".join(dict.fromkeys(row["commit"] for row in own)),
             )
         )
     head = ["robot", "its model", "seeds", "up [%]", "obeys [%]", "changing: up", "obeys"]
-    return table((*head, "errors", "borne [N·s]", "minutes", "commit"), shown)
+    return table((*head, "errors", "borne [N·s]", "late: up", "minutes", "commit"), shown)
 
 
 def _each(name: str, rows: Iterable[dict[str, Any]], form: str = "{}") -> str:

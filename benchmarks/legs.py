@@ -23,7 +23,9 @@ from benchmarks.robots import last_change
 
 RUNS = Path(__file__).resolve().parents[1] / "docs" / "evidence" / "robots" / "legs.jsonl"
 PUSHES = (0, 10, 20, 25, 30, 40)  # [N·s]
+LATE = 0.02  # [s]
 JUDGED = ["--seconds", "20", "--rollouts", "8", "--pushes", *map(str, PUSHES)]
+JUDGED += ["--latencies", "0", str(LATE)]
 
 
 def vgps(*words: str) -> None:
@@ -51,6 +53,7 @@ def train(task: Path, seed: int) -> dict[str, Any]:
         "changing_up": changing["survival"][-1],
         "changing_obeys": changing["obeys"][-1],
         "borne": max(borne, default=0),
+        "late": result["robustness"]["latencies"]["survival"][-1],
         "minutes": round(float(taken.read_text()), 1),
     }
 
