@@ -106,6 +106,21 @@ def test_the_best_policy_is_kept_at_the_end_and_after_a_stop(task, settings, tmp
     assert again.policy_digest == last.policy_digest
 
 
+def test_a_policy_to_begin_with_is_kept_where_none_is_better(task, settings, monkeypatch):
+    """It is called the best one here; all others are what their rollouts say, or worse."""
+
+    def called(task, settings, seed, policy, k):
+        found = try_policy(task, settings, seed, policy, k)
+        return found if k else replace(found, success=2.0)
+
+    monkeypatch.setattr(methods, "try_policy", called)
+    (first, *_) = search("vgps", task, settings, 0, partial(optimize_all, task))
+    run = search("vgps", task, settings, 1, partial(optimize_all, task), None, first.policy)
+    (*_, last) = run
+    assert_array_equal(last.policy.parameters, first.policy.parameters)
+    assert "The first policy is kept, which obeyed in 200 %" in last.warnings[-1]
+
+
 def test_a_step_that_ruins_the_policy_is_taken_as_far_as_it_does_not(task, settings):
     """Half of the way to a policy that drives much too hard is as bad, a quarter of it is not."""
     (*_, last) = search("vgps", task, settings, 0, partial(optimize_all, task))

@@ -146,7 +146,10 @@ def search(
         if found.last:
             yield SearchIteration.of(found, evaluated(found.last, found.k))
     else:
-        state = SearchState(work.initial_solutions, work.simulator_steps, (), None)
+        best = None
+        if first_policy and is_evaluated(settings, settings.iterations):
+            best = try_policy(task, settings, seed, first_policy, 0)
+        state = SearchState(work.initial_solutions, work.simulator_steps, (), None, best)
         if checkpoints:
             checkpoints.save(run, state)
     for k in range(state.k + 1, settings.iterations + 1):
@@ -160,9 +163,8 @@ def search(
             best = this if best is None or this.beats(best) else best
             notice = f"The policy of iteration {k} {this.summary(task, settings)}."
             if k == settings.iterations and best is not this:
-                notice += (
-                    f" That of iteration {best.k} is kept, which {best.summary(task, settings)}."
-                )
+                which = f"That of iteration {best.k}" if best.k else "The first policy"
+                notice += f" {which} is kept, which {best.summary(task, settings)}."
             if k == settings.iterations:
                 final = finish(task, settings, seed, best)
                 update = replace(update, policy=final.policy)
