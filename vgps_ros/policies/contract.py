@@ -2,19 +2,7 @@
 """What the numbers of a third-party network mean: the contract between it and a robot.
 
 It is written in the metadata of the ONNX file, by the keys that mjlab writes and some of our own
-(docs/how_to/import_a_policy.md). A network reads the terms of an observation, one after another:
-
-| term | numbers | others call it |
-| --- | --- | --- |
-| `base_lin_vel` | velocity of the free base, in its axes [m/s] | `lin_vel` |
-| `base_ang_vel` | angular velocity of it, likewise [rad/s] | `ang_vel` |
-| `projected_gravity` | direction of gravity in its axes, length 1 | `gravity_vec` |
-| `joint_pos` | positions of `joint_names`, from `default_joint_pos` on | `dof_pos` |
-| `joint_vel` | joint velocities | `dof_vel` |
-| `last_action` | the network's output one step before, 0 in the first | `actions` |
-| `velocity_commands` | what comes by cmd_vel: linear x and y, angular z | `command` |
-| `gait_phase` | sine and cosine of the clock | |
-| `state` | what the network gave behind its actions one step before; first `state_initial` | |
+(docs/how_to/import_a_policy.md, which lists the terms). A network reads terms, one after another.
 
 Any other term is one number, by the name of a reading, a command or the clock. Each is clipped,
 then scaled. Of a term with a history the numbers of former steps come too; before the first step
@@ -79,25 +67,15 @@ _MOST = 100_000  # numbers that a network reads
 
 @dataclass(frozen=True)
 class Term:
-    """A term of an observation.
+    """A term of an observation."""
 
-    Attributes:
-        name: of the term, as its file has it.
-        kind: the name in `TERMS`; of one number, its own name.
-        read: the numbers of which it is computed.
-        size: how many numbers it has.
-        scale: of each, shape (size,).
-        clip: the lowest and the highest value of each.
-        lags: how many steps ago each copy of it was read, in their order.
-    """
-
-    name: str
-    kind: str
-    read: tuple[str, ...]
-    size: int
-    scale: Array
-    clip: tuple[float, float]
-    lags: tuple[int, ...]
+    name: str  # as its file has it
+    kind: str  # the name in `TERMS`; of one number, its own name
+    read: tuple[str, ...]  # the numbers of which it is computed
+    size: int  # how many numbers it has
+    scale: Array  # of each, shape (size,)
+    clip: tuple[float, float]  # the lowest and the highest value of each
+    lags: tuple[int, ...]  # how many steps ago each copy of it was read, in their order
 
 
 class Contract:
@@ -162,8 +140,10 @@ class Contract:
         self.target_clip = np.concatenate([limits, free]).T
         order = metadata.get("observation_order", "term")
         one_of(f"the metadata 'observation_order' of {name}", order, ["term", "time"])
-        self.gait_period = float(self._listed(metadata, "gait_period", "0", 1)[0][0])
-        self.period = float(self._listed(metadata, "control_period", "0", 1)[0][0])
+        self.gait_period, self.period = (
+            numbers_of(metadata, key, 0.0, 1, name, key).item()
+            for key in ("gait_period", "control_period")
+        )
         self.terms = self._terms(metadata, names_of(metadata, "observation_names", name))
         self.looped = np.flatnonzero((self.stiffness != 0.0) | (self.damping != 0.0))
         looped = [self.all_joints[i] for i in self.looped]

@@ -32,16 +32,12 @@ from vgps_ros.robot.controls import Controls
 from vgps_ros.storage.files import read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"
+_SAME = ("base_lin_vel", "base_ang_vel", "projected_gravity", "last_action", "velocity_commands")
 _OF_UNITREE = {
-    "base_lin_vel": "base_lin_vel",
-    "base_ang_vel": "base_ang_vel",
-    "projected_gravity": "projected_gravity",
+    **{name: name for name in (*_SAME, "gait_phase")},
     "joint_pos_rel": "joint_pos",
     "joint_vel_rel": "joint_vel",
-    "last_action": "last_action",
-    "velocity_commands": "velocity_commands",
     "keyboard_velocity_commands": "velocity_commands",
-    "gait_phase": "gait_phase",
 }
 # With the key of its scale.
 _OF_RL_SAR = {
