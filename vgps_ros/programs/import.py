@@ -219,7 +219,9 @@ def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", 
         given = policy.actions(read[-1][None])
         actions.append(given[0, : len(policy.contract.joints)].copy())
         given[:, : len(policy.contract.joints)] = 0.0
-        memory = memory._replace(action=given)
+        memory = memory._replace(
+            action=np.append(given, memory.action[:, given.shape[1] :], axis=1)
+        )
         return policy.controls(given, inputs)
 
     states = task.dynamics.rollout(task.initial_state, law, steps).states[:-1]
