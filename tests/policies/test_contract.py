@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.policies.contract import Contract
+from vgps_ros.policies.contract import VELOCITY_COMMANDS, Contract
 
 JOINTS = ("hip", "knee")
 SAID = {
@@ -122,3 +122,54 @@ def test_each_number_stands_in_its_place(said, lags, by_time, rng):
 def test_what_does_not_fit_is_refused_with_the_terms_name(said, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
         Contract({**SAID, **said}, "The file")
+
+
+OWN_CLOCK = {
+    "joint_names": "hip,knee",
+    "observation_names": "phase_cos,phase_sin,command,phase",
+    "control_period": "0.02",
+    "phase_initial": "0,0.5",
+    "phase_rest": "0.5",
+    "phase_frequency": "1.25,1.75,1.5",
+}
+
+
+def test_a_policys_own_clock_follows_commands_and_rests(rng):
+    """As MuJoCo Playground drives its Apollo: two feet, which rest at half a turn."""
+    contract = Contract(OWN_CLOCK, "The file")
+    assert (contract.remembers, contract.observed) == (True, VELOCITY_COMMANDS)
+    memory, angles, told = None, np.array([0.0, np.pi]), rng.uniform(-1, 1, (60, 1, 3))
+    told[20:30], told[30:40] = 0.0, 3.0
+    for step, command in enumerate(told):
+        again = contract.remembered(command, memory)  # a state that comes twice
+        memory = contract.remembered(command, memory)
+        np.testing.assert_array_equal(memory.action, again.action)
+        length = np.linalg.norm(command)
+        shown = angles if length >= 0.01 else np.full(2, np.pi)
+        turns = angles / (2 * np.pi) if length >= 0.01 else [0.5, 0.5]
+        wanted = [*np.cos(shown), *np.sin(shown), *command[0], *np.minimum(turns, 1.0)]
+        np.testing.assert_allclose(contract.read(memory)[0], wanted, atol=1e-12)
+        angles = angles + 2 * np.pi * 0.02 * (1.25 + 0.5 * min(length, 1.5) / 1.5)
+        assert step < 55 or angles.min() > 2 * np.pi
+
+
+def test_a_phase_runs_once_over_a_motion(rng):
+    """As of rl_sar's charleston; it reads no command, and begins anew with the policy."""
+    said = {"joint_names": "hip", "observation_names": "phase", "control_period": "0.02"}
+    contract, memory, found = Contract({**said, "phase_frequency": "0.5"}, "The file"), None, []
+    assert contract.observed == ()
+    for _ in range(150):
+        memory = contract.remembered(np.empty((1, 0)), memory)
+        found += contract.read(memory).ravel().tolist()
+    np.testing.assert_allclose(found, np.minimum(0.01 * np.arange(150), 1.0), atol=1e-12)
+    assert contract.read(contract.remembered(np.empty((1, 0)), None)) == 0.0
+
+
+@pytest.mark.parametrize(
+    "said",
+    [{"phase_frequency": "1,2"}, {"phase_frequency": "-1"}, {"control_period": "0"},
+     {"phase_rest": "0,0.5"}],
+)  # fmt: skip
+def test_a_clock_of_another_kind_is_refused(said):
+    with pytest.raises(InvalidInputError, match="no other way in which a clock follows commands"):
+        Contract({**OWN_CLOCK, **said}, "The file")

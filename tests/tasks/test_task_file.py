@@ -121,7 +121,7 @@ FAULTS = [
     # Keys and values that do not fit: line, key, what would fit, an example.
     ("horizon: 4.0", "horizon: 4 s",
      "hopper/task.yaml line 14, horizon: it is '4 s', but it must be a number"
-     r": time that is trained on and scored \[s\]; for example `horizon: 4.0`"),
+     r": time that is trained on and scored, .* \[s\]; for example `horizon: 4.0`"),
     ("horizon: 4.0", "horizn: 4.0",
      "line 14, horizn: 'horizn' is no key .* Did you mean 'horizon'"),
     ("horizon: 4.0\n", "", "line 1: the key 'horizon' is missing.*`horizon: 4.0`"),
@@ -149,8 +149,6 @@ FAULTS = [
     ("sensor: velocity", "sensor: ''", r"cost\[0\].sensor: it is .*, .* text of length at least 1"),
     ("search: {", "observe: []\nsearch: {", "line 29, observe: the key stands twice"),
     # Entries that contradict each other.
-    ("lookahead: 0.6", "lookahead: 0.605",
-     "line 15, lookahead: it is 0.605 s, but it must be a mul"),
     ("control_period: 0.01", "control_period: 0.008",
      "line 13, control_period: .* time step, 0.005"),
     ("horizon: 4.0", "horizon: 4.0e+6", "line 14, horizon: .* but at most 100000 are taken"),

@@ -573,6 +573,20 @@ def test_new_locks_joints_and_puts_servos_in_place_of_motors(tmp_path, monkeypat
     for wrong in ("FL_roll=far", "FL_roll=nan"):
         with pytest.raises(SystemExit, match="is no position of 'FL_roll'"):
             main(["new", "other", "--model", "robot.xml", "--lock", wrong])
+    with pytest.raises(
+        SystemExit, match=r"^vgps new: --lock FL_rol=0.5: 'FL_rol' matches no joint"
+    ):
+        main(["new", "other", "--model", "robot.xml", "--lock", "*_roll", "FL_rol=0.5"])
+
+
+def test_new_locks_joints_of_a_robot_whose_keyframe_has_controls(tmp_path, monkeypatch):
+    """As of Unitree's Go2, whose motors give way to servos."""
+    monkeypatch.chdir(tmp_path)
+    controls = " ".join(["0"] * 12)
+    key = f'<keyframe><key name="home" ctrl="{controls}"/></keyframe></mujoco>'
+    Path("robot.xml").write_text(walker(*FOUR).replace("</mujoco>", key))
+    main(["new", "mine", "--model", "robot.xml", "--lock", "*_roll", "--servos"])
+    assert make_task("mine").dims["n_u"] == 8
 
 
 def test_servos_in_place_of_those_without_a_limit_are_as_strong_as_their_load(

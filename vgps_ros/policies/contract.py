@@ -2,19 +2,7 @@
 """What the numbers of a third-party network mean: the contract between it and a robot.
 
 It is written in the metadata of the ONNX file, by the keys that mjlab writes and some of our own
-(docs/how_to/import_a_policy.md). A network reads the terms of an observation, one after another:
-
-| term | numbers | others call it |
-| --- | --- | --- |
-| `base_lin_vel` | velocity of the free base, in its axes [m/s] | `lin_vel` |
-| `base_ang_vel` | angular velocity of it, likewise [rad/s] | `ang_vel` |
-| `projected_gravity` | direction of gravity in its axes, length 1 | `gravity_vec` |
-| `joint_pos` | positions of `joint_names`, from `default_joint_pos` on | `dof_pos` |
-| `joint_vel` | joint velocities | `dof_vel` |
-| `last_action` | the network's output one step before, 0 in the first | `actions` |
-| `velocity_commands` | what comes by cmd_vel: linear x and y, angular z | `command` |
-| `gait_phase` | sine and cosine of the clock | |
-| `state` | what the network gave behind its actions one step before; first `state_initial` | |
+(docs/how_to/import_a_policy.md, which lists the terms). A network reads terms, one after another.
 
 Any other term is one number, by the name of a reading, a command or the clock. Each is clipped,
 then scaled. Of a term with a history the numbers of former steps come too; before the first step
@@ -52,6 +40,9 @@ TERMS: dict[str, tuple[str, ...]] = {
     "last_action": ("actions", "action"),
     "velocity_commands": ("command", "commands", "twist"),
     "gait_phase": (),
+    "phase": (),
+    "phase_cos": (),
+    "phase_sin": (),
     "state": (),
 }
 _OTHERS = {other: term for term, others in TERMS.items() for other in others}
@@ -64,6 +55,8 @@ _READ = {
     "velocity_commands": VELOCITY_COMMANDS,
     "gait_phase": ("clock/sin", "clock/cos"),
 }
+_PHASES = ("phase", "phase_cos", "phase_sin")  # in turns, up to 1; and of these turns
+_AT_REST = 0.01  # length of the velocity commands below which phases rest, as in Playground
 _OF_JOINTS = {"joint_pos": "position", "joint_vel": "velocity"}
 _KEYS = (
     *("joint_names", "joint_stiffness", "joint_damping", "default_joint_pos", "command_names"),
@@ -71,6 +64,7 @@ _KEYS = (
     *("observation_terms_scale", "observation_terms_clip", "observation_terms_history_length"),
     *("observation_terms_flatten_history_dim", "action_scale", "action_clip", "target_clip"),
     *("action_kind", "action_unit", "control_period", "gait_period", "gait_stops", HELD, STATE),
+    *("phase_frequency", "phase_initial", "phase_rest"),
     *("held_joint_pos", "held_joint_stiffness", "held_joint_damping"),
 )
 _LONGEST = 1000  # history, in steps
@@ -79,25 +73,15 @@ _MOST = 100_000  # numbers that a network reads
 
 @dataclass(frozen=True)
 class Term:
-    """A term of an observation.
+    """A term of an observation."""
 
-    Attributes:
-        name: of the term, as its file has it.
-        kind: the name in `TERMS`; of one number, its own name.
-        read: the numbers of which it is computed.
-        size: how many numbers it has.
-        scale: of each, shape (size,).
-        clip: the lowest and the highest value of each.
-        lags: how many steps ago each copy of it was read, in their order.
-    """
-
-    name: str
-    kind: str
-    read: tuple[str, ...]
-    size: int
-    scale: Array
-    clip: tuple[float, float]
-    lags: tuple[int, ...]
+    name: str  # as its file has it
+    kind: str  # the name in `TERMS`; of one number, its own name
+    read: tuple[str, ...]  # the numbers of which it is computed
+    size: int  # how many numbers it has
+    scale: Array  # of each, shape (size,)
+    clip: tuple[float, float]  # the lowest and the highest value of each
+    lags: tuple[int, ...]  # how many steps ago each copy of it was read, in their order
 
 
 class Contract:
@@ -117,6 +101,7 @@ class Contract:
             is held.
         state: what a network with a state of its own begins with, shape (m,); it gives the next one
             behind its actions.
+        phases: of the policy's own clock as it begins to drive, in turns, shape (p,).
         action_clip: lowest and highest action, shapes (n_a + m,).
         target_clip: lowest and highest p_0 + s a of each joint, and of each that is held.
         looped: indices of the joints with k_p or k_d.
@@ -151,8 +136,14 @@ class Contract:
         self.scale = of_joints("action_scale", 1.0)
         self.stiffness = of_joints("joint_stiffness", 0.0, "held_joint_stiffness")
         self.damping = of_joints("joint_damping", 0.0, "held_joint_damping")
-        begins = metadata.get(STATE, "")
-        self.state = numbers_of(metadata, STATE, 0.0, begins.count(",") + bool(begins), name, STATE)
+
+        def listed(key: str, default: str = "") -> Array:
+            text = metadata.get(key, default)
+            return numbers_of({key: text}, key, 0.0, text.count(",") + bool(text), name, key)
+
+        self.state = listed(STATE)
+        self._frequency, self._rest = listed("phase_frequency"), listed("phase_rest")
+        self.phases = listed("phase_initial", "0")[: None if self._frequency.size else 0]
         clips = self._clips(metadata.get("action_clip", "-inf;inf"), count)
         free = np.tile([-np.inf, np.inf], (len(self.state), 1))
         self.action_clip = np.concatenate([clips, free]).T
@@ -162,8 +153,17 @@ class Contract:
         self.target_clip = np.concatenate([limits, free]).T
         order = metadata.get("observation_order", "term")
         one_of(f"the metadata 'observation_order' of {name}", order, ["term", "time"])
-        self.gait_period = float(self._listed(metadata, "gait_period", "0", 1)[0][0])
-        self.period = float(self._listed(metadata, "control_period", "0", 1)[0][0])
+        self.gait_period, self.period = (
+            numbers_of(metadata, key, 0.0, 1, name, key).item()
+            for key in ("gait_period", "control_period")
+        )
+        is_clock = self._frequency.size in (1, 3) and (self._frequency > 0.0).all() and self.period
+        if self._rest.size > 1 or not (is_clock or not self._frequency.size):
+            raise InvalidInputError(
+                f"The metadata 'phase_frequency' of {name} must be a frequency, or the lowest, the "
+                "highest and the length of the velocity commands that brings it, beside a "
+                "'control_period'; no other way in which a clock follows commands can be said."
+            )
         self.terms = self._terms(metadata, names_of(metadata, "observation_names", name))
         self.looped = np.flatnonzero((self.stiffness != 0.0) | (self.damping != 0.0))
         looped = [self.all_joints[i] for i in self.looped]
@@ -171,12 +171,14 @@ class Contract:
         read = dict.fromkeys([*(each for term in self.terms for each in term.read), *looped_names])
         self.observed = tuple(sorted(read, key=lambda each: each.startswith(TOLD)))
         places = {each: i for i, each in enumerate(self.observed)}
+        self._told = [places[each] for each in VELOCITY_COMMANDS if each in places]
         self._columns = [[places[each] for each in term.read] for term in self.terms]
         self.looped_places = [places[each] for each in looped_names]
         self._scale = np.concatenate([term.scale for term in self.terms])
         clips = np.repeat([t.clip for t in self.terms], [t.size for t in self.terms], axis=0)
         self._lowest, self._highest = clips.T
-        self.remembers = any(t.kind in ("last_action", "state") or max(t.lags) for t in self.terms)
+        own = ("last_action", "state", *_PHASES)
+        self.remembers = any(t.kind in own or max(t.lags) for t in self.terms)
         self.steps = 1 + max(max(term.lags) for term in self.terms)
         if self.steps * len(self._scale) > _MOST:
             raise InvalidInputError(
@@ -231,8 +233,11 @@ class Contract:
             read = _READ.get(kind, (kind,))
             if kind in _OF_JOINTS:
                 read = tuple(f"{joint}/{_OF_JOINTS[kind]}" for joint in self.joints)
+            if kind in _PHASES:
+                read = VELOCITY_COMMANDS * (self._rest.size or self._frequency.size > 1)
             size = {"base_lin_vel": 3, "projected_gravity": 3}.get(kind, len(read))
             size = {"last_action": len(self.joints), "state": len(self.state)}.get(kind, size)
+            size = len(self.phases) if kind in _PHASES else size
             length = float(lengths[i][0])
             steps = np.arange(np.clip(np.nan_to_num(length), 1.0, _LONGEST + 1.0))[::-1]
             steps = lags[i] if np.isfinite(lags[i]).all() else steps
@@ -303,7 +308,7 @@ class Contract:
             memory: of the step before; None: this is the first.
         """
         if memory is None:
-            first = np.append(np.zeros(len(self.joints)), self.state)
+            first = np.concatenate([np.zeros(len(self.joints)), self.state, self.phases])
             action, before = np.tile(first, (len(inputs), 1)), None
         else:
             action, before = memory
@@ -314,6 +319,11 @@ class Contract:
         frame = np.concatenate(parts, axis=1)
         frame = np.minimum(np.maximum(frame, self._lowest), self._highest) * self._scale
         frame = np.clip(frame, *self.observation_clip)[:, None]
+        if count := len(self.phases):  # they go on to those of the next step
+            low, high, speed = np.resize(self._frequency, 3)
+            share = np.minimum(np.linalg.norm(inputs[:, self._told], axis=1) / speed, 1.0)
+            turned = self.period * (low + (high - low) * share)[:, None]
+            action = np.append(action[:, :-count], action[:, -count:] + turned, axis=1)
         if before is None:
             return Memory(action, np.repeat(frame, self.steps, axis=1))
         return Memory(action, np.concatenate([before[:, 1:], frame], axis=1))
@@ -328,8 +338,14 @@ class Contract:
             return read - self.origin[: len(self.joints)]
         if kind == "last_action":
             return action[:, : len(self.joints)]
-        if kind == "state":
-            return action[:, len(self.joints) :]
+        if kind in (*_PHASES, "state"):
+            state, turns = np.split(action[:, len(self.joints) :], [len(self.state)], axis=1)
+            if self._rest.size:
+                is_at_rest = np.linalg.norm(read, axis=1, keepdims=True) < _AT_REST
+                turns = np.where(is_at_rest, self._rest, turns)
+            angles = 2.0 * np.pi * turns
+            values = np.minimum(turns, 1.0), np.cos(angles), np.sin(angles), state
+            return values[(*_PHASES, "state").index(kind)]
         if kind == "base_lin_vel":
             return _in_body(read[:, :4], read[:, 4:])
         if kind == "projected_gravity":

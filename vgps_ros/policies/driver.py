@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Makes the policy of a file drive the robot of a task."""
 
+from math import isclose
 from typing import TYPE_CHECKING
 
 from vgps_ros.core.checks import quote
@@ -19,7 +20,7 @@ from vgps_ros.robot.signals import Signals
 if TYPE_CHECKING:
     from vgps_ros.tasks.task import Task
 
-_SAME_PERIOD = 1e-3  # relative difference of two periods that are the same but for their text
+SAME_PERIOD = 1e-3  # relative difference of two periods that are the same but for their text
 
 
 def observation_of(
@@ -78,10 +79,10 @@ def driver_of(deployment: Deployment, file: PolicyFile) -> Driver:
     periods = (policy.contract.period, deployment.time_step, "control_period", "control period")
     clocks = (policy.contract.gait_period, signals.period, "gait_period", "turn of the clock")
     for wanted, own, key, what in (periods, clocks):
-        if wanted and not abs(wanted - own) <= _SAME_PERIOD * wanted:
+        if wanted and not isclose(wanted, own, rel_tol=SAME_PERIOD):
             raise InvalidInputError(
                 f"{file.name} has a {key} of {wanted:g} s, but the {what} of {deployment.name} "
-                f"takes {own:g} s; change it in the task file."
+                f"takes {own:g} s; `vgps import` writes the task with the policy's."
             )
     if observation.readings.needs_controls:  # type: ignore[attr-defined]
         raise InvalidInputError(

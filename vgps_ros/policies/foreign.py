@@ -32,16 +32,12 @@ from vgps_ros.robot.controls import Controls
 from vgps_ros.storage.files import read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"
+_SAME = ("base_lin_vel", "base_ang_vel", "projected_gravity", "last_action", "velocity_commands")
 _OF_UNITREE = {
-    "base_lin_vel": "base_lin_vel",
-    "base_ang_vel": "base_ang_vel",
-    "projected_gravity": "projected_gravity",
+    **{name: name for name in (*_SAME, "gait_phase")},
     "joint_pos_rel": "joint_pos",
     "joint_vel_rel": "joint_vel",
-    "last_action": "last_action",
-    "velocity_commands": "velocity_commands",
     "keyboard_velocity_commands": "velocity_commands",
-    "gait_phase": "gait_phase",
 }
 # With the key of its scale.
 _OF_RL_SAR = {
@@ -53,6 +49,7 @@ _OF_RL_SAR = {
     "dof_vel": ("joint_vel", "dof_vel_scale"),
     "actions": ("last_action", ""),
     "g1_phase": ("gait_phase", ""),
+    "RoboMimic_Deploy/phase": ("phase", ""),
 }
 _KEYS_OF_UNITREE = (
     *("joint_ids_map", "step_dt", "stiffness", "damping", "default_joint_pos"),
@@ -69,7 +66,7 @@ _KEYS_OF_RL_SAR = (
     *("model_name", "framework", "num_observations", "num_of_dofs", "torque_limits"),
     *("joint_controller_names", "command_mapping", "waist_joint_indices"),
 )
-_PERIOD_OF_G1 = 0.8  # of rl_sar's g1_phase [s]
+_PERIOD_OF_G1, _MOTION_OF_G1 = 0.8, 18.0  # of rl_sar's g1_phase and RoboMimic_Deploy/phase [s]
 
 
 def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> dict[str, str]:
@@ -413,6 +410,8 @@ def _of_rl_sar(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, A
     }
     if "g1_phase" in content["observations"]:
         found["gait_period"] = _PERIOD_OF_G1
+    if "RoboMimic_Deploy/phase" in content["observations"]:
+        found["phase_frequency"] = 1.0 / _MOTION_OF_G1
     if "dt" in content:
         found["control_period"] = content["dt"] * content["decimation"]
     return found

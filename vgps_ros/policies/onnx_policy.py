@@ -109,7 +109,7 @@ class OnnxPolicy:
     @property
     def steps(self) -> int:
         """How many steps, with the newest, the network reads; 0: it remembers nothing."""
-        if len(self.contract.state):
+        if len(self.contract.state) + len(self.contract.phases):
             return _ENDLESS
         return self.contract.steps if self.contract.remembers else 0
 
@@ -139,8 +139,8 @@ class OnnxPolicy:
         found = self.contract.remembered(inputs, memory)
         actions = self.actions(self.contract.read(found))
         controls = self.controls(actions, inputs)
-        remembered = found._replace(action=actions) if self.contract.remembers else None
-        return controls + noise, remembered
+        kept = np.append(actions, found.action[:, actions.shape[1] :], axis=1)
+        return controls + noise, found._replace(action=kept) if self.contract.remembers else None
 
     def actions(self, read: Array) -> Array:
         """Returns the network's actions and its state, (N, n_a + m), for what it reads (N, n).

@@ -276,6 +276,31 @@ def add_arguments(parser: Parser) -> None:
     )
 
 
+# Disturbances that are tried: the value of none, the lowest, the highest, and what they are.
+_TRIED: dict[str, tuple[float, float, float, str]] = {
+    "pushes": (0.0, 0.0, 1e6, "impulses to try, each once in a rollout's first half [N*s]"),
+    "slopes": (0.0, -1.0, 1.0, "slopes to try, upwards, or of a task with commands in all "
+               "directions [rad]"),
+    "ridges": (0.0, 0.0, 1.0, "largest heights of ridges [m]"),
+    "steps": (0.0, 0.0, 1.0, "heights of steps up and down [m]"),
+    "payloads": (0.0, 0.0, 1e6, "masses to add [kg]"),
+    "masses": (1.0, 0.01, 100.0, "factors on the mass of a body, as of a trunk"),
+    "frictions": (1.0, 0.0, 100.0, "factors on friction"),
+    "dampings": (1.0, 0.0, 100.0, "factors on the damping of all joints"),
+    "armatures": (1.0, 0.0, 100.0, "factors on the armature of all joints, the inertia of their "
+                  "rotors"),
+    "strengths": (1.0, 0.01, 100.0, "factors on the largest forces of all actuators"),
+    "latencies": (0.0, 0.0, 10.0, "times by which the policy reads the state too late, rounded up "
+                  "to control steps [s]"),
+    "sensor_noise": (0.0, 0.0, 100.0, "factors on the noise of usual sensors: 0.01 rad and 0.5 "
+                     "rad/s of joints, 0.1 rad/s of a gyro, 0.03 of gravity's direction, 0.1 m/s "
+                     "of speeds, 0.01 m of places"),
+    "contacts": (0, 0, 1, "hardness of contacts: 0 the model's, 1 MuJoCo's default"),
+    "engines": (0, 0, 1, "how MuJoCo computes: 0 as the model says, 1 with the other kind of "
+                "friction cone, conjugate gradients, Euler's integrator and half the time step"),
+}  # fmt: skip
+
+
 def add_trials(parser: Parser) -> None:
     """Declares how policies are tried, and where the result goes."""
     parser.add_argument("--task", help="the task; default: the one that the policy's file names")
@@ -287,67 +312,19 @@ def add_trials(parser: Parser) -> None:
         Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5),
         unset="10; of a task with commands 60",
     )
+    rollouts = "number of rollouts, at each command if there are any"
     parser.add_settings(
-        Setting(
-            "rollouts",
-            20,
-            "number of rollouts, at each command if there are any",
-            minimum=1,
-            maximum=1_000_000,
-        ),
+        Setting("rollouts", 20, rollouts, minimum=1, maximum=1_000_000),
         unset="20; of a task with commands 40",
     )
     parser.add_settings(
         Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0), SEED
     )
+    tried = (Setting(name, (none,), text, minimum=low, maximum=high)
+             for name, (none, low, high, text) in _TRIED.items())  # fmt: skip
     parser.add_settings(
-        Setting(
-            "pushes", (0.0,), "impulses to try, each once in a rollout's first half [N*s]",
-            minimum=0.0, maximum=1e6,
-        ),
-        Setting(
-            "slopes", (0.0,), "slopes to try, upwards, or of a task with commands in all "
-            "directions [rad]", minimum=-1.0, maximum=1.0,
-        ),
-        Setting("ridges", (0.0,), "largest heights of ridges [m]", minimum=0.0, maximum=1.0),
-        Setting("steps", (0.0,), "heights of steps up and down [m]", minimum=0.0, maximum=1.0),
-        Setting("payloads", (0.0,), "masses to add [kg]", minimum=0.0, maximum=1e6),
-        Setting(
-            "masses", (1.0,), "factors on the mass of a body, as of a trunk", minimum=0.01,
-            maximum=100.0,
-        ),
-        Setting("frictions", (1.0,), "factors on friction", minimum=0.0, maximum=100.0),
-        Setting(
-            "dampings", (1.0,), "factors on the damping of all joints", minimum=0.0, maximum=100.0
-        ),
-        Setting(
-            "armatures", (1.0,), "factors on the armature of all joints, the inertia of their "
-            "rotors", minimum=0.0, maximum=100.0,
-        ),
-        Setting(
-            "strengths", (1.0,), "factors on the largest forces of all actuators", minimum=0.01,
-            maximum=100.0,
-        ),
-        Setting(
-            "latencies", (0.0,), "times by which the policy reads the state too late, rounded up "
-            "to control steps [s]", minimum=0.0, maximum=10.0,
-        ),
-        Setting(
-            "sensor_noise", (0.0,), "factors on the noise of usual sensors: 0.01 rad and 0.5 rad/s "
-            "of joints, 0.1 rad/s of a gyro, 0.03 of gravity's direction, 0.1 m/s of speeds, "
-            "0.01 m of places", minimum=0.0, maximum=100.0,
-        ),
-        Setting(
-            "contacts", (0,), "hardness of contacts: 0 the model's, 1 MuJoCo's default", minimum=0,
-            maximum=1,
-        ),
-        Setting(
-            "engines", (0,), "how MuJoCo computes: 0 as the model says, 1 with the other kind of "
-            "friction cone, conjugate gradients, Euler's integrator and half the time step",
-            minimum=0, maximum=1,
-        ),
-        unset="not tried; of a task with commands, usual sizes if no kind is named",
-    )  # fmt: skip
+        *tried, unset="not tried; of a task with commands, usual sizes if no kind is named"
+    )
     parser.add_settings(
         Setting(
             "body",

@@ -15,9 +15,8 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
-from vgps_ros.tasks.registry import TASK, task_file_of, task_function_of
+from vgps_ros.tasks.registry import TASK, copy_of
 
 if TYPE_CHECKING:
     from vgps_ros.search.identification import Identified
@@ -46,22 +45,11 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.bags.episode import measured_motions
     from vgps_ros.search.identification import identify
     from vgps_ros.tasks import make_task
-    from vgps_ros.tasks.task_file import read_document
     from vgps_ros.views.plots import predictions, save
 
-    path, source = task_file_of(arguments.task), arguments.bag.resolve()
-    if path is None or task_function_of(arguments.task):
-        raise InvalidInputError(
-            f"The task {arguments.task} is made by Python code, but identify writes task files; "
-            "name a task that is one."
-        )
+    source = arguments.bag.resolve()
     output = arguments.output or source.with_name(f"{source.name}-identified.yaml")
-    content = read_document(path).data
-    parts = [entry for entry in (*content["cost"], content.get("begin")) if isinstance(entry, dict)]
-    tables = [part[key] for part in parts for key in ("reference", "file") if key in part]
-    copies = {path.parent / name: output.parent / name for name in tables}
-    if output.parent.resolve() == path.parent.resolve():
-        copies = {}
+    content, copies = copy_of(arguments.task, output.parent)
     files = [output.with_suffix(ending) for ending in (".yaml", ".xml", ".png")]
     refuse_existing([*files, *copies.values()], overwrite=arguments.overwrite)
     task = make_task(arguments.task)

@@ -4,22 +4,26 @@
 The contract says what its numbers mean: the order of the joints, and the terms of what it reads. It
 comes from the metadata of the ONNX file, as mjlab writes them, or from a file beside it: Unitree's
 deploy.yaml, rl_sar's config.yaml, or a YAML file of the metadata; or from the YAML file of a LEAPP
-bundle. What does not fit the robot is refused. The file that it writes drives by `policy_file`, and
-`vgps evaluate` takes it.
+bundle. What does not fit the robot is refused, but of times: a policy with another control period
+or turn of the clock gets a task file that has them. The file that it writes drives by
+`policy_file`, and `vgps evaluate` takes it.
 """
 
 import argparse
+import math
+import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting, settings_of
 from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing, settings_from
 from vgps_ros.safety.poses import PoseSettings
-from vgps_ros.tasks.registry import TASK
+from vgps_ros.tasks.registry import TASK, copy_of
 
 if TYPE_CHECKING:
     from vgps_ros.core.records import Array
+    from vgps_ros.policies.policy_file import PolicyFile
     from vgps_ros.robot.executed_control import Driver
     from vgps_ros.tasks import Task
 
@@ -60,20 +64,14 @@ def run(arguments: argparse.Namespace) -> None:
     """Imports the policy that the arguments name."""
     outputs = [arguments.output, *([arguments.deployment] if arguments.deployment else [])]
     refuse_existing(outputs, overwrite=arguments.overwrite)
-    from itertools import groupby
+    import yaml
 
-    from rich.table import Table
-
-    from vgps_ros.policies.contract import BASE
-    from vgps_ros.policies.deployment_file import write_deployment
-    from vgps_ros.policies.driver import driver_of, for_policy
+    from vgps_ros.policies.driver import SAME_PERIOD, driver_of
     from vgps_ros.policies.foreign import holding, read_contract, read_leapp
     from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
-    from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task
-    from vgps_ros.views.console import table_console
 
     task, name = make_task(arguments.task), f"'{arguments.policy}'"
     joints = task.controls.names
@@ -90,13 +88,69 @@ def run(arguments: argparse.Namespace) -> None:
     pulling = gains.pose_stiffness, gains.pose_damping
     held = holding(known, task.controls, task.initial_state, *pulling)
     content = with_metadata(content, held, name) if held else content
-    file, robot = policy_of(content, name), task.deployment
+    file = policy_of(content, name)
+    policy = file.policy(task.controls)
+    if not isinstance(policy, OnnxPolicy):
+        driver_of(task.deployment, file)
+        print("vgps_ros wrote this file; nothing is converted.")
+        return
+    own = task.dynamics.time_step, task.signals.period
+    times = policy.contract.period or own[0], policy.contract.gait_period or own[1]
+    if all(math.isclose(*pair, rel_tol=SAME_PERIOD) for pair in zip(own, times, strict=True)):
+        _write(arguments, task, file, outputs)
+        return
+    path = arguments.output.with_suffix(".task.yaml")
+    said, tables = copy_of(arguments.task, path.parent)
+    refuse_existing([path, *tables.values()], overwrite=arguments.overwrite)
+    try:
+        path.write_text(
+            f"# {arguments.task} with the times of {name}, written by `vgps import`.\n"
+            + yaml.safe_dump(_timed(said, task, *times), sort_keys=False, default_flow_style=None)
+        )
+        for table, copied in tables.items():
+            shutil.copy(table, copied)
+        _write(arguments, make_task(str(path)), file, [*outputs, path])
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+    print(f"Give {path} as the task from here on: it is {arguments.task} with the policy's times.")
+
+
+def _timed(said: dict[str, Any], task: "Task", period: float, turn: float) -> dict[str, Any]:
+    """Returns what a task file says, with another control period and turn of the clock [s].
+
+    The time step stays as near as six digits can write it.
+    """
+    ratio = min(period / task.dynamics.model.opt.timestep, 1000.0)
+
+    def strangeness(steps: int) -> tuple[bool, float]:
+        return abs(float(f"{period / steps:g}") * steps / period - 1.0) > 1e-9, abs(steps - ratio)
+
+    steps = min(range(max(1, round(0.75 * ratio)), 2 + round(1.5 * ratio)), key=strangeness)
+    option = said.get("changes", {}).get("option", {}) | {"timestep": period / steps}
+    said |= {"control_period": period, "changes": said.get("changes", {}) | {"option": option}}
+    return said | ({"clock": said.get("clock", {}) | {"frequency": 1.0 / turn}} if turn else {})
+
+
+def _write(
+    arguments: argparse.Namespace, task: "Task", file: "PolicyFile", outputs: list[Path]
+) -> None:
+    """Shows what a policy means to the robot of a task, and writes the files."""
+    from itertools import groupby
+
+    from rich.table import Table
+
+    from vgps_ros.policies.contract import BASE
+    from vgps_ros.policies.deployment_file import write_deployment
+    from vgps_ros.policies.driver import driver_of, for_policy
+    from vgps_ros.policies.onnx_policy import OnnxPolicy
+    from vgps_ros.storage.files import replacing
+    from vgps_ros.views.console import table_console
+
+    robot, console = task.deployment, table_console()
     task = for_policy(task, file)
     driver = driver_of(task.deployment, file)
-    console = table_console()
-    if not isinstance(driver.policy, OnnxPolicy):
-        console.print("vgps_ros wrote this file; nothing is converted.")
-        return
+    assert isinstance(driver.policy, OnnxPolicy)
     contract = driver.policy.contract
     read, actions = _standing(task, driver, arguments.standing)
     table = Table("action", "joint", "from", "times", "stiffness", "damping", "standing")
@@ -125,7 +179,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.deployment:
         write_deployment(robot, arguments.deployment)
     with replacing(arguments.output) as output:
-        output.write(content)
+        output.write(file.content)
     console.print(
         f"Wrote {' and '.join(map(str, outputs))}: {first} numbers to {len(contract.joints)} "
         f"actions, {task.controls.label()}, each {task.dynamics.time_step:g} s."
@@ -165,11 +219,13 @@ def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", 
         given = policy.actions(read[-1][None])
         actions.append(given[0, : len(policy.contract.joints)].copy())
         given[:, : len(policy.contract.joints)] = 0.0
-        memory = memory._replace(action=given)
+        memory = memory._replace(
+            action=np.append(given, memory.action[:, given.shape[1] :], axis=1)
+        )
         return policy.controls(given, inputs)
 
     states = task.dynamics.rollout(task.initial_state, law, steps).states[:-1]
-    up = np.logical_and.accumulate(~task.fallen(states))
+    up = np.logical_and.accumulate(~task.fallen(states))[: len(read)]  # fewer where it diverges
     return np.array(read)[up], np.array(actions)[up]
 
 

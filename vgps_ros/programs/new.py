@@ -72,7 +72,14 @@ def run(arguments: argparse.Namespace) -> None:
         raise InvalidInputError(shorten(f"--model: {error.sentence}")) from error
     if not reference.startswith("package:"):
         reference = os.path.relpath(reference, arguments.folder)
-    edited = edit_model(found, _locks(arguments.lock), servos=arguments.servos)
+    locks = _locks(arguments.lock)
+    try:
+        edited = edit_model(found, locks, servos=arguments.servos)
+    except InvalidInputError as error:  # one about a joint is about a lock
+        said = str(error)
+        for flag in arguments.lock:
+            said = said.replace(f"changes.joints.{flag.partition('=')[0]}: ", f"--lock {flag}: ")
+        raise InvalidInputError(said) from error
     for note in edited.notes:
         print(note)
     text = first_task_file(reference, edited, str(SCHEMA_PATH))

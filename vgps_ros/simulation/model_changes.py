@@ -88,10 +88,10 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
             locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
     freed = _to_free(spec, changes.get("free_bodies", ()))
     gone += [joint.name for body in freed for joint in body.joints]
-    if gone or locked or freed:
-        _remove_joints(spec, gone, locked, freed)
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)
+    if gone or locked or freed:
+        _remove_joints(spec, gone, locked, freed)
     for name, sensor in sensors.items():
         _add_sensor(spec, name, sensor)
     model = _compile(spec)

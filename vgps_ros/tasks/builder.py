@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Builds a task from a task file and the robot's MJCF."""
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -86,7 +87,8 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
         "clock",
         "stops",
     )
-    steps = [round(time / file.control_period) for time in (file.horizon, file.lookahead)]
+    times = file.horizon, file.lookahead  # each of whole control periods
+    steps = [math.ceil(time / file.control_period - 1e-6) for time in times]
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context)
     with at_entry("start"):
@@ -309,8 +311,7 @@ class _Reader:
 
 def _cost(file: TaskFile, read: _Reader, start: Array, folder: Path) -> FeatureCost:
     """Returns the cost, whose readings are the parts of all terms of sensors, one after another."""
-    steps = round((file.horizon + file.lookahead) / file.control_period)
-    names: list[str] = []
+    steps, names = len(read.context), list[str]()
     targets, weights, smooth = [], [], []
     linear, lifted, stance, whens = [], [], [], []
     controls, poses = np.zeros((2, read.model.nu))

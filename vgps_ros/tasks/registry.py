@@ -6,6 +6,7 @@ through which other packages offer tasks. An entry point is a function that retu
 task's settings are read without its model, so that help which shows them takes no MuJoCo.
 """
 
+import os
 import runpy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -65,6 +66,29 @@ def task_function_of(reference: str) -> Callable[[], Any] | None:
         return _load_function(*function)
     point = _installed_task(reference)
     return point.load() if point else None
+
+
+def copy_of(reference: str, folder: Path) -> tuple[dict[str, Any], dict[Path, Path]]:
+    """Returns what a task's file says, for one in another folder, and which tables go with it.
+
+    Raises:
+        InvalidInputError: there is no such task, or Python code makes it.
+    """
+    from vgps_ros.tasks.task_file import find_model, read_document
+
+    path = task_file_of(reference)
+    if path is None or task_function_of(reference):
+        raise InvalidInputError(
+            f"The task {reference} is made by Python code, but a new task file begins with one "
+            "that is there; name a task that is one."
+        )
+    content = read_document(path).data
+    if not content["model"].startswith("package:"):
+        content["model"] = os.path.relpath(find_model(content["model"], path.parent), folder)
+    parts = [entry for entry in (*content["cost"], content.get("begin")) if isinstance(entry, dict)]
+    tables = [part[key] for part in parts for key in ("reference", "file") if key in part]
+    is_elsewhere = folder.resolve() != path.parent.resolve()
+    return content, {path.parent / name: folder / name for name in tables if is_elsewhere}
 
 
 def runs_code(reference: str) -> bool:

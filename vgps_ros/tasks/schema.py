@@ -631,9 +631,11 @@ class TaskFile(Record, frozen=True, kw_only=True):
     control_period: Annotated[
         Positive, about("time between controls, a multiple of the simulator's time step [s]", 0.01)
     ]
-    horizon: Annotated[Positive, about("time that is trained on and scored [s]", 4.0)]
+    horizon: Annotated[
+        Positive, about("time that is trained on and scored, up to a whole control period [s]", 4.0)
+    ]
     lookahead: Annotated[
-        NonNegative, about("time that is optimised beyond the horizon [s]", 0.6)
+        NonNegative, about("time that is optimised beyond the horizon, likewise [s]", 0.6)
     ] = 0.0
     start: Annotated[Start, about("the start", {"keyframe": "stand"})] = field(
         default_factory=Start

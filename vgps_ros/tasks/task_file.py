@@ -119,7 +119,7 @@ class Document:
             sentence: what is wrong and what would be right, with its full stop.
         """
         known = next(place[:n] for n in range(len(place), -1, -1) if place[:n] in self.lines)
-        where = f", {place_in_words(place)}" if place else ""
+        where = f", {_place_in_words(place)}" if place else ""
         return self.error_at(self.lines[known], sentence, where)
 
     def error_at(self, line: int, sentence: str, where: str = "") -> InvalidInputError:
@@ -208,7 +208,7 @@ def shorten(sentence: str) -> str:
     return text if len(text) <= _LONGEST_ERROR else f"{text[:350]} ... {text[-100:]}"
 
 
-def place_in_words(place: Place) -> str:
+def _place_in_words(place: Place) -> str:
     """Returns a place as an error names it: `cost[0].sensor`."""
     text = ""
     for key in place:
@@ -567,12 +567,6 @@ def is_multiple(time: float, unit: float) -> bool:
 
 def _check_times(task: TaskFile) -> None:
     period, step = task.control_period, task.changes.option.timestep
-    for key, time in (("horizon", task.horizon), ("lookahead", task.lookahead)):
-        refuse_if(
-            not is_multiple(time, period),
-            f"it is {time:g} s, but it must be a multiple of the control_period, {period:g} s.",
-            key,
-        )
     refuse_if(
         step is not None and not is_multiple(period, step),
         f"it is {period:g} s, but it must be a multiple of the simulator's time step, {step} s.",
