@@ -168,7 +168,7 @@ def m_step() -> Iterator[Comparison]:
         samples = settings.fit.samples_per_step
         targets = draw_targets(q, task.observation, settings.fit.form, samples, rng)
         loss = fit_loss(scaling, targets)
-        start = scaling.to_standard(work.random_policies(1)[0].parameters)
+        start = scaling.to_standard(work.random_policy().parameters)
         theirs, theirs_ms = _done(
             partial(minimize_lbfgs, start, loss.value_and_gradient, LBFGS_ITERATIONS)
         )

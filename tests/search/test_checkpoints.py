@@ -33,8 +33,6 @@ SETTINGS = dataclasses.replace(
     policy_rollouts=4,
     situations=2,
     disturb=DisturbanceSettings(payload=0.1, push=0.1),
-    candidates=2,
-    candidate_iterations=3,
 )
 RUN = Run("vgps", ROTOR, SETTINGS, 3)
 

@@ -33,7 +33,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "paper": {
         "alphas": (1.0, 0.1),
         "alpha_iterations": (0, 50),
-        "candidates": 1,
         "visited_limit": 0.0,
         "fit.optimizer": "lbfgs",
     },
@@ -179,8 +178,8 @@ class SearchSettings:
     output_bias: bool = setting(True, "whether the output layer has bias terms")
     preset: str = setting(
         "ours",
-        "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, one "
-        "candidate, no visited states, and LBFGS; ours: all as the other settings say",
+        "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, no "
+        "visited states, and LBFGS; ours: all as the other settings say",
         choices=tuple(PRESETS),
     )
     alphas: tuple[float, ...] = setting(
@@ -194,16 +193,6 @@ class SearchSettings:
         "iteration at which each of them is reached; 0 alone spreads them evenly over the run",
         minimum=0,
         maximum=100_000,
-    )
-    candidates: int = setting(
-        1,
-        "policies that vgps learns at first, each with trajectories of its own; the one of highest "
-        "likelihood goes on",
-        minimum=1,
-        maximum=1000,
-    )
-    candidate_iterations: int = setting(
-        15, "iterations after which it is chosen", minimum=1, maximum=100_000
     )
     initial_ddp_iterations: int = setting(
         80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000

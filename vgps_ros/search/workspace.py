@@ -48,11 +48,6 @@ class Update:
     policy: GaussianPolicy
     solutions: tuple[OptimizationResult, ...]
 
-    @property
-    def pairs(self) -> tuple["Update", ...]:
-        """All policies learned side by side, each with its own solutions; this one comes first."""
-        return (self,)
-
 
 class Workspace:
     """One run of a method. All methods begin with the same initial DDP solutions, line 1.
@@ -150,10 +145,10 @@ class Workspace:
             situation=situation,
         )
 
-    def random_policies(self, count: int) -> list[GaussianPolicy]:
-        """Draws networks for the first fit; a smaller count gives the first ones of a larger."""
-        rng, scaling = generator(self.seed, Stream.POLICY_PARAMETERS), self.standardization()
-        return [initial_policy(scaling, rng) for _ in range(count)]
+    def random_policy(self) -> GaussianPolicy:
+        """Draws a network for the first fit."""
+        rng = generator(self.seed, Stream.POLICY_PARAMETERS)
+        return initial_policy(self.standardization(), rng)
 
     def supervised_policy(
         self, distributions: Sequence[TrajectoryDistribution] | None = None
@@ -161,7 +156,7 @@ class Workspace:
         """Returns a policy fitted to the initial DDP solutions, or to the given distributions."""
         fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
         return fit_policy(
-            self.random_policies(1)[0],
+            self.random_policy(),
             self.task.observation,
             self.taught(self.initial_solutions) if distributions is None else distributions,
             fit,
