@@ -263,9 +263,11 @@ def test_that_of_another_optimizer_is_refused_with_its_setting(folder):
 
 def test_a_solve_by_other_settings_ends_the_run(folder, tmp_path):
     """As where one of several optimizers has them, or where it comes back with them."""
-    changed = dataclasses.replace(ROTOR.optimizer, ddp=DdpSettings(line_search_steps=3))
+    changed = dataclasses.replace(ROTOR.optimizer, ddp=DdpSettings(regularization_floor=1e-3))
     other = solver(dataclasses.replace(ROTOR, optimizer=changed))
-    sentence = "solves with ddp.line_search_steps 3, but the training was begun with .* 8: start it"
+    sentence = (
+        "solves with ddp.regularization_floor 0.001, but the training was begun with .* 1e-06"
+    )
     resumed = search("vgps", ROTOR, SETTINGS, 3, other, Checkpoints(folder))
     assert next(resumed).k == 3
     with pytest.raises(InvalidInputError, match=sentence):
