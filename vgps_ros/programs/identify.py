@@ -57,9 +57,9 @@ def run(arguments: argparse.Namespace) -> None:
         )
     output = arguments.output or source.with_name(f"{source.name}-identified.yaml")
     content = read_document(path).data
-    parts = [entry for entry in (*content["cost"], content.get("begin")) if isinstance(entry, dict)]
-    tables = [part[key] for part in parts for key in ("reference", "file") if key in part]
-    copies = {path.parent / name: output.parent / name for name in tables}
+    begin = content.get("begin")
+    table = begin.get("file") if isinstance(begin, dict) else None
+    copies = {path.parent / table: output.parent / table} if table else {}
     if output.parent.resolve() == path.parent.resolve():
         copies = {}
     files = [output.with_suffix(ending) for ending in (".yaml", ".xml", ".png")]
