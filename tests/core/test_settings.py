@@ -22,7 +22,7 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("iterations", 0, "iterations is 0, but it must be from 1 to 100000"),
         ("iterations", 2.5, "iterations is 2.5 of type float, but it must be of type int"),
         ("iterations", True, "of type bool"),
-        ("hidden_bias", 1, "of type int, but it must be of type bool"),
+        ("gps.redraw", 1, "of type int, but it must be of type bool"),
         ("hidden_units", (), "hidden_units is empty, but it must have at least one value"),
         ("hidden_units", (5, 0), "hidden_units is 0"),
         ("hidden_units", (2.5,), "hidden_units is 2.5"),
@@ -30,7 +30,7 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("alphas", (1.0, float("nan")), "alphas is nan"),
         ("alphas", (float("inf"), 1.0), "alphas is inf"),
         ("fit.form", "exact", "fit.form is 'exact', but it must be one of analytic, sampled"),
-        ("fit.size", 3, "setting is 'fit.size', but it must be one of activation"),
+        ("fit.size", 3, "setting is 'fit.size', but it must be one of alpha_iterations"),
     ],
 )
 def test_wrong_values_are_refused_with_a_sentence(name, value, sentence):

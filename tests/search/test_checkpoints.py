@@ -206,7 +206,7 @@ def test_if_both_are_damaged_the_training_begins_anew(folder):
         ({"hidden_units": (5, 2)}, "hidden_units [3]", "hidden_units [5, 2]"),
         ({"iterations": 9}, "iterations 4", "iterations 9"),
         ({"ddp_iterations": 9}, "ddp_iterations 3", "ddp_iterations 9"),
-        ({"activation": "tanh"}, "activation softplus", "activation tanh"),
+        ({"visited_limit": 1.0}, "visited_limit 2.0", "visited_limit 1.0"),
     ],
 )
 def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours):

@@ -3,7 +3,7 @@
 
 from bisect import bisect
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
-from vgps_ros.core.policy import ACTIVATIONS, Architecture
+from vgps_ros.core.policy import Architecture
 from vgps_ros.core.settings import Setting, setting, settings_of, with_values
 from vgps_ros.robot.signals import CommandSettings
 from vgps_ros.tasks.disturbance import DisturbanceSettings
@@ -171,11 +171,6 @@ class SearchSettings:
     hidden_units: tuple[int, ...] = setting(
         (5,), "width of each hidden layer of the policy", minimum=1, maximum=10_000
     )
-    activation: str = setting(
-        "softplus", "activation of the hidden layers", choices=tuple(ACTIVATIONS)
-    )
-    hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
-    output_bias: bool = setting(True, "whether the output layer has bias terms")
     preset: str = setting(
         "ours",
         "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, no "
@@ -289,9 +284,7 @@ class SearchSettings:
 
 def architecture(task: "Task", settings: SearchSettings) -> Architecture:
     """Returns the shape of the task's policy."""
-    own = {"observed": task.observation.names, "control_dim": task.dynamics.control_dim}
-    shared = {f.name: getattr(settings, f.name) for f in fields(Architecture) if f.name not in own}
-    return Architecture(**own, **shared)
+    return Architecture(task.observation.names, settings.hidden_units, task.dynamics.control_dim)
 
 
 def search_settings(task: "Task") -> SearchSettings:

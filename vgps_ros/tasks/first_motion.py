@@ -290,8 +290,8 @@ def _several(task: Task, entry: BestMotion) -> Best:
     # And short plans, one after another, for what is struck or turned again and again:
     step, std = task.dynamics.time_step, tuple(half.tolist())
     plan, period = max(0.5, step), max(0.05, step)
-    short = Sampling(plan=plan, period=period, samples=64, iterations=4, knots=8, std=std)
-    going_on = replace(_sampling_search(task, short), ddp_iterations=0)
+    short = Sampling(plan=plan, period=period, samples=64, knots=8, std=std)
+    going_on = _sampling_search(task, short, iterations=4, ddp_iterations=0)
     return Best(task, (held, AlongPath(still), *noisy, *arriving, going_on), entry.iterations)
 
 
@@ -420,8 +420,10 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str) -> Array:
     return values
 
 
-def _sampling_search(task: Task, begin: Sampling) -> SampledMotion:
-    """Returns what finds a motion by samples."""
+def _sampling_search(
+    task: Task, begin: Sampling, iterations: int = 2, ddp_iterations: int = 5
+) -> SampledMotion:
+    """Returns what finds a motion by so many rounds of samples, and of DDP, for each plan."""
     step = task.dynamics.time_step
     for key, time in (("plan", begin.plan), ("period", begin.period)):
         refuse_if(
@@ -440,13 +442,13 @@ def _sampling_search(task: Task, begin: Sampling) -> SampledMotion:
             steps=round(begin.plan / step),
             knots=begin.knots,
             samples=begin.samples,
-            iterations=begin.iterations,
+            iterations=iterations,
             std=_std(begin, low, high),
             low=low,
             high=high,
         ),
         round(begin.period / step),
-        begin.ddp_iterations,
+        ddp_iterations,
     )
 
 

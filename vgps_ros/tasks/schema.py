@@ -528,7 +528,6 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
         Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
     ] = 0.05
     samples: Annotated[int, about("plans tried in an iteration", 32, ge=2, le=100_000)] = 32
-    iterations: Annotated[int, about("rounds of samples for each plan", 2, ge=1, le=1000)] = 2
     knots: Annotated[
         int, about("points in a plan between which a sample's change is linear", 6, ge=2, le=1000)
     ] = 6
@@ -540,7 +539,6 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
         Positive | tuple[Positive, ...] | None,
         about("the same in the control's own unit, or one for each actuator [N·m]", 30.0),
     ] = None
-    ddp_iterations: Annotated[int, about("iterations of DDP on each plan", 5, ge=0, le=1000)] = 5
 
 
 class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="demonstration"):
