@@ -166,7 +166,7 @@ def m_step() -> Iterator[Comparison]:
         q, scaling = work.scored(work.initial_solutions), work.standardization()
         rng = generator(SEED, Stream.POLICY_FIT, 1)
         samples = settings.fit.samples_per_step
-        targets = draw_targets(q, task.observation, settings.fit.form, samples, rng)
+        targets = draw_targets(q, task.observation, samples, rng)
         loss = fit_loss(scaling, targets)
         start = scaling.to_standard(work.random_policy().parameters)
         theirs, theirs_ms = _done(

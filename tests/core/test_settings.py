@@ -10,9 +10,9 @@ from vgps_ros.search.settings import SearchSettings
 
 def test_nested_settings_are_found_by_dotted_name_and_replaced():
     names = {s.name for s in settings_of(SearchSettings())}
-    assert {"iterations", "hidden_units", "fit.form", "fit.retries"} <= names
-    changed = with_values(SearchSettings(), {"fit.form": "sampled", "iterations": 7})
-    assert (changed.fit.form, changed.iterations) == ("sampled", 7)
+    assert {"iterations", "hidden_units", "fit.optimizer", "fit.retries"} <= names
+    changed = with_values(SearchSettings(), {"fit.optimizer": "lbfgs", "iterations": 7})
+    assert (changed.fit.optimizer, changed.iterations) == ("lbfgs", 7)
     assert changed.alphas == SearchSettings().alphas
 
 
@@ -29,7 +29,11 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("hidden_units", ("five",), "hidden_units is 'five'"),
         ("alphas", (1.0, float("nan")), "alphas is nan"),
         ("alphas", (float("inf"), 1.0), "alphas is inf"),
-        ("fit.form", "exact", "fit.form is 'exact', but it must be one of analytic, sampled"),
+        (
+            "fit.optimizer",
+            "sgd",
+            "fit.optimizer is 'sgd', but it must be one of gauss_newton, lbfgs",
+        ),
         ("fit.size", 3, "setting is 'fit.size', but it must be one of alpha_iterations"),
     ],
 )

@@ -81,11 +81,6 @@ class OptimizerSettings:
 class FitSettings:
     """Settings of the M-step."""
 
-    form: str = setting(
-        "analytic",
-        "analytic: integrate over actions; sampled: draw them (Eq. 3)",
-        choices=("analytic", "sampled"),
-    )
     optimizer: str = setting(
         "gauss_newton",
         "optimiser of the network's weights",
