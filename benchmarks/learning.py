@@ -166,9 +166,9 @@ def m_step() -> Iterator[Comparison]:
         q, scaling = work.scored(work.initial_solutions), work.standardization()
         rng = generator(SEED, Stream.POLICY_FIT, 1)
         samples = settings.fit.samples_per_step
-        targets = draw_targets(q, task.observation, settings.fit.form, samples, rng)
+        targets = draw_targets(q, task.observation, samples, rng)
         loss = fit_loss(scaling, targets)
-        start = scaling.to_standard(work.first_policies(1)[0].parameters)
+        start = scaling.to_standard(work.first_policy().parameters)
         theirs, theirs_ms = _done(
             partial(minimize_lbfgs, start, loss.value_and_gradient, LBFGS_ITERATIONS)
         )

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core import policy_fit
 from vgps_ros.core.augmentation import Augmentation, Mirror
+from vgps_ros.core.marginals import sample_rollout_noise
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -69,37 +70,43 @@ def expected_objective(policy, q):
     return density.sum(axis=1).mean()
 
 
-@pytest.mark.parametrize("form", ["analytic", "sampled"])
 def test_objective_is_the_closed_form_in_expectation(
-    random_policy, random_distribution, whole, rng, form
+    random_policy, random_distribution, whole, rng
 ):
     policy, q = random_policy(observed=NAMES, hidden_units=()), random_distribution()
-    draws = [objective(policy, draw_targets([q], whole, form, 200, rng)) for _ in range(200)]
+    draws = [objective(policy, draw_targets([q], whole, 200, rng)) for _ in range(200)]
     assert abs(np.mean(draws) - expected_objective(policy, q)) < 5 * np.std(draws) / np.sqrt(200)
 
 
-def test_analytic_objective_is_the_mean_sampled_one(random_policy, random_distribution, three, rng):
-    """With a network, for which no closed form exists; the analytic form has less noise."""
+def with_drawn_actions(q, targets, count, rng):
+    """Returns the samples of Eq. 3."""
+    noise = sample_rollout_noise(q, count, rng).reshape(targets.means.shape)
+    return Targets(targets.inputs, targets.means + noise, np.zeros_like(noise))
+
+
+def test_objective_is_the_mean_one_of_drawn_actions(random_policy, random_distribution, three, rng):
+    """With a network, for which no closed form exists; drawn actions have more noise."""
     policy, q = random_policy(hidden_units=(5, 4), activation="tanh"), random_distribution()
-    analytic, sampled = (
-        [objective(policy, draw_targets([q], three, form, 200, rng)) for _ in range(200)]
-        for form in ("analytic", "sampled")
-    )
-    error = np.hypot(np.std(analytic), np.std(sampled)) / np.sqrt(200)
-    assert abs(np.mean(analytic) - np.mean(sampled)) < 5 * error
-    assert np.std(analytic) < np.std(sampled)
+    draws = [draw_targets([q], three, 200, rng) for _ in range(200)]
+    integrated = [objective(policy, each) for each in draws]
+    sampled = [objective(policy, with_drawn_actions(q, each, 200, rng)) for each in draws]
+    error = np.hypot(np.std(integrated), np.std(sampled)) / np.sqrt(200)
+    assert abs(np.mean(integrated) - np.mean(sampled)) < 5 * error
+    assert np.std(integrated) < np.std(sampled)
 
 
-def test_sampled_objective_is_the_mean_log_density(random_policy, random_distribution, three, rng):
-    policy = random_policy()
-    targets = draw_targets([random_distribution()], three, "sampled", 3, rng)
+def test_objective_of_drawn_actions_is_the_mean_log_density(
+    random_policy, random_distribution, three, rng
+):
+    policy, q = random_policy(), random_distribution()
+    targets = with_drawn_actions(q, draw_targets([q], three, 3, rng), 3, rng)
     log_density = policy.log_density(targets.inputs, targets.means)
     assert_allclose(objective(policy, targets), log_density.mean(), rtol=1e-12)
 
 
 def test_targets_pool_every_step_of_every_distribution(random_distribution, three, rng):
     qs = [random_distribution(horizon=3), random_distribution(horizon=5)]
-    targets = draw_targets(qs, three, "analytic", 4, rng)
+    targets = draw_targets(qs, three, 4, rng)
     assert targets.inputs.shape == (32, 3)
     assert targets.means.shape == targets.variances.shape == (32, 2)
     variances = np.diagonal(qs[1].control_covariances, axis1=1, axis2=2)
@@ -112,8 +119,7 @@ def test_a_late_sample_reads_a_state_and_has_the_control_of_the_one_after(
     """Along exact linear dynamics the control is that of the state to which q leads."""
     q = random_distribution(horizon=6)
     now, late = (
-        draw_targets([q], whole, "analytic", 2, np.random.default_rng(1), share)
-        for share in (0.0, 1.0)
+        draw_targets([q], whole, 2, np.random.default_rng(1), share) for share in (0.0, 1.0)
     )
     assert_array_equal(now.inputs, late.inputs)  # nothing is told here
     f = q.linear_dynamics
@@ -125,7 +131,7 @@ def test_a_late_sample_reads_a_state_and_has_the_control_of_the_one_after(
             expected = q.mean.controls[t + 1] + q.gains[t + 1] @ after
             assert_allclose(late.means[sample][t], expected)
         assert_array_equal(late.means[sample][5], now.means[sample][5])  # there is no later one
-    some = draw_targets([q], whole, "analytic", 200, rng, 0.3)
+    some = draw_targets([q], whole, 200, rng, 0.3)
     exact = q.mean.controls + np.einsum(
         "tux,stx->stu", q.gains, some.inputs.reshape(200, 6, 4) - q.mean.states[:-1]
     )
@@ -137,13 +143,13 @@ def test_a_late_sample_is_told_what_is_so_now(random_distribution, whole):
     context = np.arange(6.0)[:, None]
     q = dataclasses.replace(random_distribution(horizon=6), context=context)
     told = Observation.of(whole.readings, ["clock"], ["clock"])
-    late = draw_targets([q], told, "analytic", 2, np.random.default_rng(1), 1.0)
+    late = draw_targets([q], told, 2, np.random.default_rng(1), 1.0)
     assert_array_equal(late.inputs[:6, -1], [1.0, 2.0, 3.0, 4.0, 5.0, 5.0])
 
 
 def test_best_noise_maximises_the_objective(random_policy, random_distribution, three, rng):
     policy = random_policy()
-    targets = draw_targets([random_distribution()], three, "analytic", 10, rng)
+    targets = draw_targets([random_distribution()], three, 10, rng)
     best = with_best_noise(policy, targets).noise_std
 
     def at(noise):
@@ -153,7 +159,6 @@ def test_best_noise_maximises_the_objective(random_policy, random_distribution, 
         assert at(best * factor) < at(best)
 
 
-@pytest.mark.parametrize("form", ["analytic", "sampled"])
 @pytest.mark.parametrize(
     ("optimizer", "iterations", "tolerance"),
     [
@@ -162,19 +167,12 @@ def test_best_noise_maximises_the_objective(random_policy, random_distribution, 
     ],
 )
 def test_fit_recovers_a_linear_gaussian(
-    linear_target, whole, rng, form, optimizer, iterations, tolerance
+    linear_target, whole, rng, optimizer, iterations, tolerance
 ):
     q, gain, bias, std = linear_target
-    settings = FitSettings(
-        form,
-        optimizer,
-        40,
-        iterations,
-    )
+    settings = FitSettings(optimizer, 40, iterations)
     start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
     policy = fit_policy(start, whole, [q], settings, rng)
-    if form == "sampled":  # 1000 actions a fit: the estimate has a standard error of 3 %
-        tolerance = max(tolerance, 0.15)
     states = q.mean.states
     errors = policy.mean(states) - (states @ gain.T + bias)
     assert np.sqrt((errors**2).mean(axis=0)).max() < tolerance * std.min()
@@ -190,7 +188,7 @@ def test_fit_of_a_network_increases_the_objective(
     two = coordinates(1, 2)
     architecture = Architecture(two.names, (5,), 2, hidden_bias=bias, output_bias=bias)
     start = start_of(architecture, two, qs, rng)
-    targets = draw_targets(qs, two, "analytic", 200, rng)
+    targets = draw_targets(qs, two, 200, rng)
     improved = with_best_noise(start, targets)
     settings = FitSettings(optimizer=optimizer, iterations=60)
     policy = fit_policy(start, two, qs, settings, rng)
@@ -211,7 +209,7 @@ def test_standardised_units_change_neither_weights_nor_loss(
     standard = scaling.to_standard(policy.parameters)
     assert_allclose(scaling.to_raw(standard), policy.parameters, rtol=1e-12, atol=1e-12)
 
-    targets = draw_targets([q], three, "analytic", 5, rng)
+    targets = draw_targets([q], three, 5, rng)
     loss = fit_loss(scaling, targets).at(standard).value
     expected = np.log(with_best_noise(policy, targets).noise_std / scaling.output_scale).sum()
     assert_allclose(loss, expected, rtol=1e-10)
@@ -297,7 +295,7 @@ def test_a_share_of_the_replayed_samples_counts(linear_target, whole, rng, share
     """The noise tells their weight: they alone have a spread of 1000."""
     q, _, _, std = linear_target
     count = 5 * len(q.gains)
-    replay = draw_targets([q], whole, "analytic", 20, rng)
+    replay = draw_targets([q], whole, 20, rng)
     wide = dataclasses.replace(replay, variances=replay.variances + 1000.0)
     start = start_of(Architecture(NAMES, (), 2), whole, [q], rng)
     settings = FitSettings(samples_per_step=5, replayed=share)

@@ -10,9 +10,9 @@ from vgps_ros.search.settings import SearchSettings
 
 def test_nested_settings_are_found_by_dotted_name_and_replaced():
     names = {s.name for s in settings_of(SearchSettings())}
-    assert {"iterations", "hidden_units", "fit.form", "fit.retries"} <= names
-    changed = with_values(SearchSettings(), {"fit.form": "sampled", "iterations": 7})
-    assert (changed.fit.form, changed.iterations) == ("sampled", 7)
+    assert {"iterations", "hidden_units", "fit.optimizer", "fit.retries"} <= names
+    changed = with_values(SearchSettings(), {"fit.optimizer": "lbfgs", "iterations": 7})
+    assert (changed.fit.optimizer, changed.iterations) == ("lbfgs", 7)
     assert changed.alphas == SearchSettings().alphas
 
 
@@ -22,15 +22,19 @@ def test_nested_settings_are_found_by_dotted_name_and_replaced():
         ("iterations", 0, "iterations is 0, but it must be from 1 to 100000"),
         ("iterations", 2.5, "iterations is 2.5 of type float, but it must be of type int"),
         ("iterations", True, "of type bool"),
-        ("hidden_bias", 1, "of type int, but it must be of type bool"),
+        ("gps.redraw", 1, "of type int, but it must be of type bool"),
         ("hidden_units", (), "hidden_units is empty, but it must have at least one value"),
         ("hidden_units", (5, 0), "hidden_units is 0"),
         ("hidden_units", (2.5,), "hidden_units is 2.5"),
         ("hidden_units", ("five",), "hidden_units is 'five'"),
         ("alphas", (1.0, float("nan")), "alphas is nan"),
         ("alphas", (float("inf"), 1.0), "alphas is inf"),
-        ("fit.form", "exact", "fit.form is 'exact', but it must be one of analytic, sampled"),
-        ("fit.size", 3, "setting is 'fit.size', but it must be one of activation"),
+        (
+            "fit.optimizer",
+            "sgd",
+            "fit.optimizer is 'sgd', but it must be one of gauss_newton, lbfgs",
+        ),
+        ("fit.size", 3, "setting is 'fit.size', but it must be one of alpha_iterations"),
     ],
 )
 def test_wrong_values_are_refused_with_a_sentence(name, value, sentence):

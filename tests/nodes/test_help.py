@@ -49,7 +49,7 @@ def test_an_argument_that_no_node_takes_is_refused(tmp_path):
 
 
 FILES = {
-    "nested.yaml": "ns: {policy_learner: {ros__parameters: {fit: {fomr: closed}}}}",
+    "nested.yaml": "ns: {policy_learner: {ros__parameters: {fit: {laet: 0.1}}}}",
     "malformed.yaml": "policy_learner: [",
 }
 
@@ -67,7 +67,7 @@ FILES = {
             "-r __node:=r -p r:otput:=x",
             "r has no parameter 'otput'. Did you mean 'output'?",
         ),
-        ("policy_learner", "--params-file nested.yaml", "'fit.fomr'. Did you mean 'fit.form'?"),
+        ("policy_learner", "--params-file nested.yaml", "'fit.laet'. Did you mean 'fit.late'?"),
         ("policy_learner", "--params-file malformed.yaml", "Couldn't parse params file"),
         ("policy_executor", "-p safe_action:=zeros", "Did you mean 'zero'?"),
         ("policy_learner", "-p optimizers:=[my-own]", "'my-own', which is no name in ROS"),

@@ -336,9 +336,7 @@ def test_goals_out_of_range_are_rejected_with_a_sentence_and_leave_no_error(grap
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "chosen", [{}, {"alphas": (3.0, 1.0), "alpha_iterations": (0, 1), "candidates": 3}]
-)
+@pytest.mark.parametrize("chosen", [{}, {"alphas": (3.0, 1.0), "alpha_iterations": (0, 1)}])
 def test_graph_and_process_learn_the_same_bits_for_the_walker(graph, tmp_path, chosen):
     """Each node makes its own demonstration: no request carries one."""
     path, walker = Path(__file__).parents[2] / "config" / "walker.yaml", make_task("walker")

@@ -1,20 +1,27 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Numerical trouble has a name in the response, on /diagnostics and in the log."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.msg import Log
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import StepSimulation
+from unique_identifier_msgs.msg import UUID
 from vgps_msgs.msg import SolveStatus, Trajectory
 from vgps_msgs.srv import OptimizeTrajectory
 
 from tests.nodes.conftest import values_of
-from tests.nodes.test_trajectory_optimizer import request_message  # noqa: F401
+from vgps_ros.core.ddp.solve import Status
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.messages.conversions import command_to_msg, outcome_of, pack, stamp_of
+from vgps_ros.messages.optimization import result_to_msg
 from vgps_ros.ros_runtime.health import Health
+from vgps_ros.search.optimization_request import first_request
+from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
 
 ERROR, OK = DiagnosticStatus.ERROR, DiagnosticStatus.OK
@@ -55,16 +62,13 @@ def test_a_solve_that_fails_has_a_named_status(shared_graph, optimizer, status, 
     assert "Traceback" not in optimizer.output
 
 
-def test_a_solve_without_descent_warns(graph, request_message):  # noqa: F811
-    strict = {"ddp__acceptance_ratio": 0.99, "ddp__line_search_steps": 1}
-    node = graph.start(NODE, ddp__regularization_limit=1e-6, **strict)
-    request_message.max_iterations = 50
-    response = graph.call(OptimizeTrajectory, f"{NODE}/optimize", request_message)
+def test_a_solve_without_descent_says_what_helps():
+    request = first_request(ROTOR, 0, 1)
+    found = replace(optimize(ROTOR, request), status=Status.NO_DESCENT)
+    response = result_to_msg(found, request, UUID(), ROTOR, Time())
     assert response.success
     assert response.outcome.code == SolveStatus.NO_DESCENT
-    assert "lower ddp.acceptance_ratio" in response.message
-    graph.diagnosis(NODE, DiagnosticStatus.WARN, "No step lowers the cost")
-    graph.spin_until_output(node, "No step lowers the cost")
+    assert "No step lowers the cost: start from other controls." in response.message
 
 
 def test_the_simulation_tells_what_mujoco_warns_of(graph, swimmer):

@@ -18,8 +18,9 @@ model: arm.xml
 control_period: 0.02
 horizon: 1.0
 cost:
-  - {sensor: elbow/position, reference: elbow.csv}
+  - {sensor: elbow/position, target: 0.5}
   - {control: all, weight: 0.01}
+begin: {law: path, file: elbow.csv}
 search: {iterations: 3, fit: {iterations: 20}}
 """
 START = 1_000_000_000  # of stamps [ns]

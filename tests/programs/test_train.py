@@ -72,10 +72,7 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
             ["--preset", "paper", "--alphas=5"],
             "but the preset paper sets it to (1.0, 0.1): leave out",
         ),
-        (
-            ["--ddp-regularization-floor", "100", "--ddp-regularization-limit", "1"],
-            "ddp.regularization_floor is 100, but it must be at most ddp.regularization_limit, 1.",
-        ),
+        (["--ddp-regularization-floor", "1e11"], "but it must be from 0 to 1e+10"),
         (["--hidden-units", "5", "0"], "hidden_units is 0"),
         (["--seed", "-1"], "seed is -1"),
         (["--method", "vpgs"], "Did you mean 'vgps'?"),

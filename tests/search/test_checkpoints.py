@@ -34,8 +34,6 @@ SETTINGS = dataclasses.replace(
     policy_rollouts=4,
     situations=2,
     disturb=DisturbanceSettings(payload=0.1, push=0.1),
-    candidates=2,
-    candidate_iterations=3,
 )
 RUN = Run("vgps", ROTOR, SETTINGS, 3)
 
@@ -209,7 +207,7 @@ def test_if_both_are_damaged_the_training_begins_anew(folder):
         ({"hidden_units": (5, 2)}, "hidden_units [3]", "hidden_units [5, 2]"),
         ({"iterations": 9}, "iterations 4", "iterations 9"),
         ({"ddp_iterations": 9}, "ddp_iterations 3", "ddp_iterations 9"),
-        ({"activation": "tanh"}, "activation softplus", "activation tanh"),
+        ({"visited_limit": 1.0}, "visited_limit 2.0", "visited_limit 1.0"),
     ],
 )
 def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours):
@@ -224,7 +222,7 @@ def test_those_of_another_run_are_refused_and_stay(folder, change, theirs, ours)
 
 
 def test_those_of_a_run_that_began_with_another_policy_are_refused(folder):
-    (policy,) = Workspace(ROTOR, SETTINGS, 3, solver(ROTOR)).first_policies(1)
+    policy = Workspace(ROTOR, SETTINGS, 3, solver(ROTOR)).first_policy()
     known = Checkpoints(folder)
     with pytest.raises(InvalidInputError, match="with first policy None, but this one has first"):
         next(search("vgps", ROTOR, SETTINGS, 3, solver(ROTOR), known, policy))
@@ -282,9 +280,11 @@ def test_that_of_another_optimizer_is_refused_with_its_setting(folder):
 
 def test_a_solve_by_other_settings_ends_the_run(folder, tmp_path):
     """As where one of several optimizers has them, or where it comes back with them."""
-    changed = dataclasses.replace(ROTOR.optimizer, ddp=DdpSettings(line_search_steps=3))
+    changed = dataclasses.replace(ROTOR.optimizer, ddp=DdpSettings(regularization_floor=1e-3))
     other = solver(dataclasses.replace(ROTOR, optimizer=changed))
-    sentence = "solves with ddp.line_search_steps 3, but the training was begun with .* 8: start it"
+    sentence = (
+        "solves with ddp.regularization_floor 0.001, but the training was begun with .* 1e-06"
+    )
     resumed = search("vgps", ROTOR, SETTINGS, 3, other, Checkpoints(folder))
     assert next(resumed).k == 3
     with pytest.raises(InvalidInputError, match=sentence):

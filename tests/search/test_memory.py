@@ -189,7 +189,7 @@ def test_the_policy_cost_moves_the_memory_with_the_state(
 def test_targets_read_what_was_before(q, coordinates, rng, late):
     """In samples of q the newest reading less what the dynamics make of the former is noise."""
     observation = remembering(coordinates(0, 1, 2, 3), 1)
-    targets = draw_targets([q], observation, "analytic", 20_000, rng, late)
+    targets = draw_targets([q], observation, 20_000, rng, late)
     assert observation.names[4:] == (
         *(f"past/1/x{i}" for i in range(4)),
         *("last_action/a", "last_action/b"),

@@ -146,7 +146,7 @@ def test_a_problem_of_one_decision_is_solved_from_afar(method):
 
 def test_rollouts_of_a_policy_are_the_tasks_dynamics_under_its_noise():
     work = Workspace(ROTOR, search_settings(ROTOR), 5, solver(ROTOR))
-    (policy,) = work.first_policies(1)
+    policy = work.first_policy()
     before = work.simulator_steps
     (rollouts,) = work.sample_policy(policy, 40, k=2)
     assert work.simulator_steps - before == 40 * ROTOR.horizon

@@ -221,7 +221,7 @@ def begun(swing, solve=None):
 
 def test_a_situation_without_commands_takes_over_a_better_motion_a_turn_apart(swing):
     work = begun(swing)
-    (policy,), solutions = work.first_policies(1), list(work.initial_solutions)
+    policy, solutions = work.first_policy(), list(work.initial_solutions)
     start = solutions[0].situation.initial_state + np.array([2 * np.pi, 0.0])
     still = swing.dynamics.rollout(start, lambda *_: np.zeros(1), swing.horizon)
     distribution = replace(solutions[0].distribution, mean=still)
@@ -243,7 +243,7 @@ def test_a_policy_without_commands_that_fails_is_led_by_a_known_law(swing):
         return optimize_all(swing, requests)
 
     work = begun(swing, solve)
-    (policy,), solutions = work.first_policies(1), work.initial_solutions
+    policy, solutions = work.first_policy(), work.initial_solutions
     idle = replace(policy, parameters=np.zeros_like(policy.parameters))
     asked.clear()
     renew(work, solutions, idle, 2)
@@ -264,7 +264,7 @@ def test_without_commands_the_costliest_of_four_motions_has_the_new_situation(sw
 
     monkeypatch.setattr(renewal, "_driven", driven)
     work = begun(swing)
-    after, _ = renew(work, work.initial_solutions, work.first_policies(1)[0], 2)
+    after, _ = renew(work, work.initial_solutions, work.first_policy(), 2)
     changed = zip(after, work.initial_solutions, strict=True)
     (new,) = [a.situation for a, b in changed if not a.situation.is_same(b.situation)]
     assert len(seen) == 4

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.core.policy_fit import draw_targets, objective
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.search.evaluation import evaluate
 from vgps_ros.search.methods import check_search, search
@@ -26,8 +25,6 @@ from vgps_ros.search.settings import (
 )
 from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
-from vgps_ros.search.vgps import vgps
-from vgps_ros.search.workspace import Workspace
 from vgps_ros.tasks import make_task
 
 CONVERGED_SWIMMER = 157.1  # cost of 300 iterations of DDP from the task's start
@@ -103,43 +100,6 @@ def test_each_line_of_the_algorithm_is_asked_for(short_swimmer):
         assert batch[0].cost_scale == QUICK.alpha(k)
         assert batch[0].policy is iterations[k - 1].policy
     assert later[1][0].previous is iterations[0].solutions[0].distribution
-
-
-@pytest.mark.parametrize(("candidate_iterations", "iterations"), [(3, 5), (9, 3)])
-def test_candidates_are_learned_side_by_side_until_the_likeliest_goes_on(
-    short_swimmer, candidate_iterations, iterations
-):
-    settings = replace(
-        QUICK, iterations=iterations, candidates=3, candidate_iterations=candidate_iterations,
-        alphas=(1e4,), alpha_iterations=(0,),  # sharp distributions, so that fits differ
-    )  # fmt: skip
-    work = Workspace(short_swimmer, settings, 1, partial(optimize_all, short_swimmer))
-    before = vgps(work, vgps(work, None, 1), 2)
-    assert len({pair.policy.parameters.tobytes() for pair in before.pairs}) == 3
-    assert len({pair.solutions[0].cost for pair in before.pairs}) == 3
-    after = vgps(work, before, 3)
-    assert after.pairs == (after,)
-
-    def likelihood(policy, pair):
-        rng = np.random.default_rng(0)
-        observation, solutions = short_swimmer.observation, work.scored(pair.solutions)
-        return objective(policy, draw_targets(solutions, observation, "analytic", 500, rng))
-
-    fits = [work.fit(pair.policy, pair.solutions, 3) for pair in before.pairs]
-    likelihoods = [likelihood(*both) for both in zip(fits, before.pairs, strict=True)]
-    first, second, _ = sorted(likelihoods, reverse=True)
-    assert first > second + 0.01
-    best = fits[int(np.argmax(likelihoods))]
-    assert after.policy.parameters.tobytes() == best.parameters.tobytes()
-
-
-def test_the_first_of_several_candidates_is_the_only_one_there_would_be(short_swimmer):
-    settings = replace(QUICK, candidate_iterations=2)
-    (alone, _), _ = run(short_swimmer, replace(settings, candidates=1))
-    (several, _), requests = run(short_swimmer, replace(settings, candidates=3))
-    assert alone.policy.parameters.tobytes() == several.policy.parameters.tobytes()
-    latest = requests[3][0]  # who listens to the optimizer takes its latest q(ζ) for the policy's
-    assert (latest.iteration, latest.policy) == (1, several.policy)
 
 
 def test_several_initial_states_have_a_solution_each_and_train_one_policy(short_swimmer):
@@ -276,7 +236,6 @@ def test_converged_ddp_of_the_swimmer_has_the_cost_that_policies_are_judged_by()
     [
         ({"visited_limit": 1.0}, "visited_limit is 1.0, but the preset paper sets it to 0.0"),
         ({"alphas": (3.0,)}, "alphas is .*, but the preset paper sets it to"),
-        ({"candidates": 4}, "candidates is 4, but the preset paper sets it to 1"),
     ],
 )
 def test_what_contradicts_the_preset_is_refused(other, sentence):

@@ -75,7 +75,7 @@ def test_a_locked_joint_leaves_the_rest_as_if_it_stood_there(arm, place, locked)
 
 
 def test_removing_a_joint_or_a_body_removes_all_that_is_of_it(arm):
-    model = changed(arm, remove_joints=["pitch"])
+    model = changed(arm, joints={"pitch": {"lock": 0.0}})
     assert [model.joint(i).name for i in range(model.njnt)] == ["root", "yaw", "roll", "elbow"]
     assert (model.nu, model.ntendon, model.neq, model.nsensor) == (1, 0, 0, 0)
     assert model.key_qpos[0] == pytest.approx([0, 0, 1, 1, 0, 0, 0, 0.4, 0.3, 0.2])

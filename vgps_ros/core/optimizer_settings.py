@@ -6,14 +6,13 @@ They stand apart from what uses them: a program that only names them loads no co
 
 from dataclasses import dataclass, field
 
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.marginals import MarginalSettings
 from vgps_ros.core.settings import setting
 
 
 @dataclass(frozen=True)
 class DdpSettings:
-    """Settings by which a solve regularises, searches along a line, and stops.
+    """Settings by which a solve regularises.
 
     The state regularisation μ of B'(V + μI)B follows Tassa, Erez and Todorov (IROS 2012): it grows
     and shrinks by a factor that itself grows while the direction stays the same.
@@ -26,23 +25,8 @@ class DdpSettings:
         1e-6, "smallest mu; a large one keeps steps small where contact is hard", minimum=0.0,
         maximum=1e10,
     )  # fmt: skip
-    regularization_limit: float = setting(
-        1e10, "mu above which a solve gives up, as no_descent or indefinite_quu", minimum=1e-6,
-        maximum=1e100,
-    )  # fmt: skip
     distribution_regularization: float = setting(
         0.0, "mu of the last backward pass, whose gains make q", minimum=0.0, maximum=1e10
-    )
-    line_search_shrink: float = setting(
-        0.5, "ratio of consecutive step sizes", minimum=0.01, maximum=0.99
-    )
-    line_search_steps: int = setting(8, "step sizes tried before mu grows", minimum=1, maximum=100)
-    acceptance_ratio: float = setting(
-        0.1, "least share of the expected cost reduction that a step must bring", minimum=0.0,
-        maximum=0.99,
-    )  # fmt: skip
-    cost_tolerance: float = setting(
-        1e-7, "relative cost reduction below which a solve has converged", minimum=0.0, maximum=1.0
     )
 
 
@@ -66,8 +50,8 @@ class OptimizerSettings:
     )
     first_tolerance: float = setting(
         0.0,
-        "relative cost reduction below which a solve for the cost alone ends, in place of a "
-        "smaller ddp.cost_tolerance",
+        "relative cost reduction below which a solve for the cost alone ends, where it is above "
+        "1e-7, at which each solve ends",
         minimum=0.0,
         maximum=1.0,
     )
@@ -80,13 +64,10 @@ class OptimizerSettings:
     )
     dynamics_samples: int = setting(
         0,
-        "samples of each step's q(x_t, u_t) over which the dynamics' derivatives are averaged, "
-        "from which a solve makes q; 0: derivatives at q's mean",
+        "samples of each step's q(x_t, u_t), 0.3 times as wide, over which the dynamics' "
+        "derivatives are averaged, from which a solve makes q; 0: derivatives at q's mean",
         minimum=0,
         maximum=1000,
-    )
-    dynamics_sample_width: float = setting(
-        0.3, "factor on q's standard deviations for these samples", minimum=0.0, maximum=10.0
     )
     demonstration_tolerance: float = setting(
         0.1,
@@ -95,25 +76,11 @@ class OptimizerSettings:
         maximum=10.0,
     )
 
-    def __post_init__(self) -> None:
-        """Checks that mu's bounds leave something between them, at alpha 1."""
-        floor, limit = self.ddp.regularization_floor, self.ddp.regularization_limit
-        if floor > limit:
-            raise InvalidInputError(
-                f"ddp.regularization_floor is {floor:g}, but it must be at most "
-                f"ddp.regularization_limit, {limit:g}."
-            )
-
 
 @dataclass(frozen=True)
 class FitSettings:
     """Settings of the M-step."""
 
-    form: str = setting(
-        "analytic",
-        "analytic: integrate over actions; sampled: draw them (Eq. 3)",
-        choices=("analytic", "sampled"),
-    )
     optimizer: str = setting(
         "gauss_newton",
         "optimiser of the network's weights",

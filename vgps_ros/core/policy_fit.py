@@ -5,9 +5,8 @@ Up to a constant, with states drawn from the marginals of q, the objective is
 
     L(q, θ) = E[ −½ (μ_θ − μ_q)ᵀ Σ_θ⁻¹ (μ_θ − μ_q) − ½ log|Σ_θ| − ½ tr(Σ_θ⁻¹ Σ_q) ].
 
-The *analytic* form uses the mean and covariance of q(u|x) as they stand. The *sampled* form
-(Eq. 3) draws actions too; it is the same expression with the drawn action as mean and no
-covariance. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ_θ − μ_q)_j² +
+Eq. 3 draws actions too, which gives the same in the mean; here the mean and covariance of q(u|x)
+stand as they are. For a diagonal Σ_θ the best noise is a closed form, σ_j² = E[(μ_θ − μ_q)_j² +
 (Σ_q)_jj], so it is profiled out and only the network is left to optimise:
 
     minimise  ½ Σ_j log E[(μ_θ − μ_q)_j² + (Σ_q)_jj].
@@ -25,7 +24,7 @@ import torch
 
 from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
-from vgps_ros.core.marginals import control_means, sample_rollout_noise
+from vgps_ros.core.marginals import control_means
 from vgps_ros.core.observation import Observation, sample_inputs
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
@@ -42,8 +41,8 @@ class Targets:
 
     Attributes:
         inputs: what the policy reads, shape (N, n_o).
-        means: μ_q, or drawn actions, shape (N, n_u), [N·m].
-        variances: diagonal of Σ_q, or zero for drawn actions, shape (N, n_u), [N²·m²].
+        means: μ_q, or actions that were drawn, shape (N, n_u), [N·m].
+        variances: diagonal of Σ_q, or zero for such actions, shape (N, n_u), [N²·m²].
     """
 
     inputs: Array
@@ -54,12 +53,11 @@ class Targets:
 def draw_targets(
     distributions: Sequence[TrajectoryDistribution],
     observation: Observation,
-    form: str,
     samples_per_step: int,
     rng: np.random.Generator,
     late: float = 0.0,
 ) -> Targets:
-    """Draws the samples of one M-step from q(x_t), or from q(x_t, u_t) in the sampled form.
+    """Draws the samples of one M-step from q(x_t).
 
     A share `late` of the samples reads the state one step too late.
     """
@@ -70,9 +68,6 @@ def draw_targets(
         variances = np.broadcast_to(
             np.diagonal(q.control_covariances, axis1=1, axis2=2), means.shape
         )
-        if form == "sampled":
-            means = means + sample_rollout_noise(q, samples_per_step, rng)
-            variances = np.zeros_like(means)
         if late:
             inputs, means = _late(q, observation, deviations, inputs, means, late, rng)
         pooled = (a.reshape(-1, a.shape[-1]) for a in (inputs, means, variances))
@@ -177,14 +172,8 @@ def fit_policy(
 
     def samples() -> Iterator[Targets]:
         while True:
-            drawn = draw_targets(
-                distributions,
-                observation,
-                settings.form,
-                settings.samples_per_step,
-                rng,
-                settings.late,
-            )
+            count, late = settings.samples_per_step, settings.late
+            drawn = draw_targets(distributions, observation, count, rng, late)
             replayed = [_share(pool, settings.replayed, rng)] if pool else []
             found = join_targets([drawn, *visited, *replayed])
             if limits:

@@ -25,7 +25,7 @@ class Setting:
     """Description and range of one setting.
 
     Attributes:
-        name: its name; that of a setting in a nested record is dotted, as in `fit.form`.
+        name: its name; that of a setting in a nested record is dotted, as in `fit.late`.
         default: its default; values must have the same type.
         description: a description of its effect, with its unit.
         minimum: smallest valid value, or None.

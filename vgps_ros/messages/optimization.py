@@ -41,10 +41,9 @@ _DIVERGED = {getattr(SolveStatus, s.upper()): s for s in DivergenceError.STATUSE
 
 # How a solve may end with a q(ζ) and still not well, and what helps.
 TROUBLE = {
-    Status.NO_DESCENT: "No step lowers the cost: start from other controls, or lower "
-    "ddp.acceptance_ratio.",
-    Status.INDEFINITE_QUU: "Quu is not positive definite up to ddp.regularization_limit: raise it, "
-    "or give controls more weight in the cost.",
+    Status.NO_DESCENT: "No step lowers the cost: start from other controls.",
+    Status.INDEFINITE_QUU: "Quu is not positive definite at the largest regularisation: give "
+    "controls more weight in the cost.",
 }
 
 

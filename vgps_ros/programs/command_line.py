@@ -44,7 +44,7 @@ class Parser(argparse.ArgumentParser):
         return action
 
     def add_settings(self, *settings: Setting, unset: str = "") -> None:
-        """Adds a flag for each setting, for example `--fit-form` for `fit.form`.
+        """Adds a flag for each setting, for example `--fit-late` for `fit.late`.
 
         Args:
             settings: the settings.

@@ -27,7 +27,7 @@ from vgps_ros.search.selection import finish, is_evaluated, try_policy
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
-from vgps_ros.search.vgps import Candidates, vgps
+from vgps_ros.search.vgps import Replaying, vgps
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
 
@@ -52,7 +52,7 @@ class Method:
 
 
 METHODS = {
-    "vgps": Method(vgps, Candidates, raises_bound=True),
+    "vgps": Method(vgps, Replaying, raises_bound=True),
     "gps": Method(partial(guided_search, adapts=False), GuidedUpdate),
     "adaptive_gps": Method(partial(guided_search, adapts=True), GuidedUpdate),
     "dagger": Method(partial(imitate, weighted=False, adapts=False), Imitation),

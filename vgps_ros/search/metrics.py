@@ -260,15 +260,9 @@ def bound_metrics(
         pairs = zip(qs, rngs, strict=True)
         return _mean([expected_divergence(q, policy, task.observation, r) for q, r in pairs])
 
-    # θ_k was fitted to one of the pairs before, which is the one that it is nearest to.
-    pairs = [(work.first_policies(1)[0], work.scored([solutions[i] for i in stayed]))]
-    if before.last:
-        pairs = [
-            (pair.policy, work.scored([pair.solutions[i] for i in stayed]))
-            for pair in before.last.pairs
-        ]
-    fitted, i = min((divergence(qs, theta), i) for i, (_, qs) in enumerate(pairs))
-    policy, qs = pairs[i]
+    policy = before.last.policy if before.last else work.first_policy()
+    qs = work.scored([solutions[i] for i in stayed])
+    fitted = divergence(qs, theta)
     try:
         whole = [unlimited_marginals(work.tasks[i], q) for i, q in zip(stayed, after, strict=True)]
         bound = -cost(whole) - divergence(whole, theta)

@@ -413,4 +413,4 @@ def _samples(work: Workspace, solution: OptimizationResult, k: int, i: int) -> T
     rng = generator(work.seed, Stream.DATASET, k, i)
     (q,) = work.taught([solution])
     observation, count = work.task.observation, settings.samples_per_step
-    return draw_targets([q], observation, settings.form, count, rng, settings.late)
+    return draw_targets([q], observation, count, rng, settings.late)

@@ -3,7 +3,7 @@
 
 from bisect import bisect
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
-from vgps_ros.core.policy import ACTIVATIONS, Architecture
+from vgps_ros.core.policy import Architecture
 from vgps_ros.core.settings import Setting, setting, settings_of, with_values
 from vgps_ros.robot.signals import CommandSettings
 from vgps_ros.tasks.disturbance import DisturbanceSettings
@@ -33,7 +33,6 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "paper": {
         "alphas": (1.0, 0.1),
         "alpha_iterations": (0, 50),
-        "candidates": 1,
         "visited_limit": 0.0,
         "fit.optimizer": "lbfgs",
     },
@@ -172,15 +171,10 @@ class SearchSettings:
     hidden_units: tuple[int, ...] = setting(
         (5,), "width of each hidden layer of the policy", minimum=1, maximum=10_000
     )
-    activation: str = setting(
-        "softplus", "activation of the hidden layers", choices=tuple(ACTIVATIONS)
-    )
-    hidden_bias: bool = setting(True, "whether hidden layers have bias terms")
-    output_bias: bool = setting(True, "whether the output layer has bias terms")
     preset: str = setting(
         "ours",
-        "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, one "
-        "candidate, no visited states, and LBFGS; ours: all as the other settings say",
+        "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, no "
+        "visited states, and LBFGS; ours: all as the other settings say",
         choices=tuple(PRESETS),
     )
     alphas: tuple[float, ...] = setting(
@@ -194,16 +188,6 @@ class SearchSettings:
         "iteration at which each of them is reached; 0 alone spreads them evenly over the run",
         minimum=0,
         maximum=100_000,
-    )
-    candidates: int = setting(
-        1,
-        "policies that vgps learns at first, each with trajectories of its own; the one of highest "
-        "likelihood goes on",
-        minimum=1,
-        maximum=1000,
-    )
-    candidate_iterations: int = setting(
-        15, "iterations after which it is chosen", minimum=1, maximum=100_000
     )
     initial_ddp_iterations: int = setting(
         80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
@@ -300,9 +284,7 @@ class SearchSettings:
 
 def architecture(task: "Task", settings: SearchSettings) -> Architecture:
     """Returns the shape of the task's policy."""
-    own = {"observed": task.observation.names, "control_dim": task.dynamics.control_dim}
-    shared = {f.name: getattr(settings, f.name) for f in fields(Architecture) if f.name not in own}
-    return Architecture(**own, **shared)
+    return Architecture(task.observation.names, settings.hidden_units, task.dynamics.control_dim)
 
 
 def search_settings(task: "Task") -> SearchSettings:

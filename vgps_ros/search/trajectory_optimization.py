@@ -19,7 +19,14 @@ from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import Problem
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
-from vgps_ros.core.ddp.solve import Iteration, Solution, Status, centre_of_q, solve
+from vgps_ros.core.ddp.solve import (
+    COST_TOLERANCE,
+    Iteration,
+    Solution,
+    Status,
+    centre_of_q,
+    solve,
+)
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
@@ -33,6 +40,8 @@ from vgps_ros.search.situations import Situation
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.task import Nominal
+
+_SAMPLE_WIDTH = 0.3  # of samples for derivatives, as a factor on q's standard deviations
 
 
 @dataclass(frozen=True)
@@ -89,7 +98,8 @@ def optimize(
     task = here
     scaled = ScaledCost(task.cost, request.cost_scale)
     cost: TrajectoryCost = scaled
-    ddp, tolerance = _scale_settings(task.optimizer.ddp, request.cost_scale), 0.0
+    ddp = _scale_settings(task.optimizer.ddp, request.cost_scale)
+    cost_tolerance, tolerance = COST_TOLERANCE, 0.0
     if request.policy and request.previous:
         place = (request.iteration, request.trajectory_index)
         rng = generator(request.seed, Stream.POLICY_DERIVATIVES, *place)
@@ -97,8 +107,7 @@ def optimize(
         cost = PolicyCost.of(scaled, request.policy, task.observation, q, count, rng)
         tolerance = task.optimizer.bound_tolerance
     else:
-        least = max(ddp.cost_tolerance, task.optimizer.first_tolerance)
-        ddp = replace(ddp, cost_tolerance=least)
+        cost_tolerance = max(COST_TOLERANCE, task.optimizer.first_tolerance)
     solution = solve(
         task.dynamics,
         cost,
@@ -107,6 +116,7 @@ def optimize(
         request.max_iterations,
         linear_dynamics=start.linear_dynamics,
         gaps=start.gaps,
+        cost_tolerance=cost_tolerance,
         tolerance=tolerance,
         on_iteration=on_iteration,
         is_cancelled=is_cancelled,
@@ -161,7 +171,7 @@ def _distribution(
         return q, 0
     place = (request.iteration, request.trajectory_index)
     rng = generator(request.seed, Stream.DYNAMICS_DERIVATIVES, *place)
-    linear, steps = mean_derivatives(task.dynamics, q, count, settings.dynamics_sample_width, rng)
+    linear, steps = mean_derivatives(task.dynamics, q, count, _SAMPLE_WIDTH, rng)
     problem, mu = Problem(task.dynamics, cost), _scale_settings(settings.ddp, request.cost_scale)
     policy = centre_of_q(problem, problem.around(mean, linear), mu.distribution_regularization)
     return _around(task, request, mean, policy, linear), steps

@@ -17,80 +17,61 @@ A controller learns from many short situations, each with commands of its own. S
 replaced by new ones, where the policy goes: see `renewal`.
 
 Both steps only descend, and a small network may end in a poor optimum, to which its trajectory then
-adapts. So the search may begin with several candidates, each a policy with trajectories of its own;
-after some iterations it keeps the candidate with the best fit.
+adapts; another seed begins elsewhere.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_fit import Targets
 from vgps_ros.search.renewal import is_due, renew
 from vgps_ros.search.selection import sound_step
+from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Update, Workspace
 
 
 @dataclass(frozen=True)
-class Candidates(Update):
-    """The result of one iteration: the first candidate, until the best one is chosen.
+class Replaying(Update):
+    """The result of one iteration.
 
     Attributes:
-        others: the other candidates; empty after one has been chosen.
         replay: samples of the latest q(ζ) that were replaced, the newest last.
     """
 
-    others: tuple[Update, ...]
-    replay: tuple[Targets, ...] = ()
-
-    @property
-    def pairs(self) -> tuple[Update, ...]:
-        """All candidates, the first one first."""
-        return (self, *self.others)
+    replay: tuple[Targets, ...]
 
 
-def vgps(work: Workspace, last: Candidates | None, k: int) -> Candidates:
+def vgps(work: Workspace, last: Replaying | None, k: int) -> Replaying:
     """Does iteration k of Algorithm 1."""
-    pairs: Sequence[Update] = last.pairs if last else _first(work)
+    policy = last.policy if last else work.first_policy()  # line 1, with its solutions
+    solutions = last.solutions if last else work.initial_solutions
     replay = last.replay if last else ()
     work.new_situations, work.found_situations = 0, 0
-    if last and is_due(work, k) and len(pairs) == 1:
-        renewed, replaced = renew(work, last.solutions, last.policy, k)
-        pairs = [Update(last.policy, renewed)]
+    if last and is_due(work, k):
+        solutions, replaced = renew(work, solutions, policy, k)
         kept = (*replay, *replaced)
         replay = kept[max(0, len(kept) - work.settings.renew.replay) :]
-    work.enter(pairs[0].solutions)
+    work.enter(solutions)
     # Lines 1 and 6 include line 3, since a solution comes with its marginals.
-    pairs = [replace(p, policy=_fit_policy(work, p, k, replay)) for p in pairs]  # line 4
-    if k >= min(work.settings.candidate_iterations, work.settings.iterations):
-        pairs = [max(pairs, key=_likelihood)]
-    # Lines 5 and 6; the first candidate is solved last, so that the latest q(ζ) are the policy's.
-    *others, first = (
-        Update(p.policy, work.reoptimize(p.solutions, p.policy, k)) for p in reversed(pairs)
-    )
-    return Candidates(first.policy, first.solutions, tuple(reversed(others)), replay)
+    policy = _fit_policy(work, policy, solutions, k, replay)  # line 4
+    return Replaying(policy, work.reoptimize(solutions, policy, k), replay)  # lines 5 and 6
 
 
-def _fit_policy(work: Workspace, pair: Update, k: int, replay: Sequence[Targets]) -> GaussianPolicy:
+def _fit_policy(
+    work: Workspace,
+    policy: GaussianPolicy,
+    solutions: Sequence[OptimizationResult],
+    k: int,
+    replay: Sequence[Targets],
+) -> GaussianPolicy:
     """Returns the M-step's policy, as far as it is no worse unseen."""
-    fitted = work.fit(pair.policy, pair.solutions, k, replay)
-    taken = sound_step(work.task, work.settings, work.seed, pair.policy, fitted, k)
+    fitted = work.fit(policy, solutions, k, replay)
+    taken = sound_step(work.task, work.settings, work.seed, policy, fitted, k)
     if taken is not fitted:
-        share = "is not taken" if taken is pair.policy else "is taken in part"
+        share = "is not taken" if taken is policy else "is taken in part"
         work.warn(
             f"The M-step of iteration {k} {share}: after all of it far fewer rollouts would "
             "obey, or stay up."
         )
     return taken
-
-
-def _first(work: Workspace) -> Sequence[Update]:  # line 1
-    policies = work.first_policies(work.settings.candidates)
-    return [Update(policy, work.initial_solutions) for policy in policies]
-
-
-def _likelihood(pair: Update) -> float:
-    """Returns L(q, θ) up to a constant: with the best noise its other terms are constant."""
-    return -float(np.log(pair.policy.noise_std).sum())

@@ -48,11 +48,6 @@ class Update:
     policy: GaussianPolicy
     solutions: tuple[OptimizationResult, ...]
 
-    @property
-    def pairs(self) -> tuple["Update", ...]:
-        """All policies learned side by side, each with its own solutions; this one comes first."""
-        return (self,)
-
 
 class Workspace:
     """One run of a method. All methods begin with the same initial DDP solutions, line 1.
@@ -93,7 +88,7 @@ class Workspace:
         self.task = task
         self.settings = settings
         self.seed = seed
-        self.first_policy = first_policy
+        self._given_policy = first_policy
         self.optimization_seconds = 0.0
         self.simulator_steps = 0
         self.new_situations, self.found_situations = 0, 0
@@ -153,15 +148,12 @@ class Workspace:
             situation=situation,
         )
 
-    def first_policies(self, count: int) -> list[GaussianPolicy]:
-        """Returns the policy that is given for the first fit, or else networks at random.
-
-        A smaller count of these gives the first ones of a larger.
-        """
-        if self.first_policy:
-            return [self.first_policy]
-        rng, scaling = generator(self.seed, Stream.POLICY_PARAMETERS), self.standardization()
-        return [initial_policy(scaling, rng) for _ in range(count)]
+    def first_policy(self) -> GaussianPolicy:
+        """Returns the policy for the first fit: the one that is given, or a network at random."""
+        if self._given_policy:
+            return self._given_policy
+        rng = generator(self.seed, Stream.POLICY_PARAMETERS)
+        return initial_policy(self.standardization(), rng)
 
     def supervised_policy(
         self, distributions: Sequence[TrajectoryDistribution] | None = None
@@ -169,7 +161,7 @@ class Workspace:
         """Returns a policy fitted to the initial DDP solutions, or to the given distributions."""
         fit = replace(self.settings.fit, iterations=self.settings.supervised_iterations)
         return fit_policy(
-            self.first_policies(1)[0],
+            self.first_policy(),
             self.task.observation,
             self.taught(self.initial_solutions) if distributions is None else distributions,
             fit,

@@ -4,7 +4,7 @@
 Changes and added sensors are plain data, of the form that `vgps_ros.tasks.schema` declares. They
 are made in this order: what only shows is dropped, a floor is added, actuators and bodies are
 removed, options set, joints, geoms and masses changed, contacts restricted, motors added, joints
-removed or locked with what drives them, bodies freed, and sensors added. Bodies, joints, geoms and
+locked with what drives them, bodies freed, and sensors added. Bodies, joints, geoms and
 actuators without a name get one first, so that changes and tasks can name them: a body after the
 one that carries it, a joint or geom after its body (`trunk_free`, `foot_geom`), an actuator after
 what it drives.
@@ -19,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import known, matching, one_of, quote, told
+from vgps_ros.core.checks import known, matching, quote, told
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry
 from vgps_ros.simulation.model import MUJOCO_ERRORS
 from vgps_ros.simulation.model_file import read_model
@@ -34,7 +34,7 @@ _WORDS = {  # options that are words, with MuJoCo's enumerations of them
     "solver": (mujoco.mjtSolver, "mjSOL_"),
     "cone": (mujoco.mjtCone, "mjCONE_"),
 }
-_LIMITED = {"range": "limited", "actfrcrange": "actfrclimited"}
+_LIMITED = {"range": "limited", "actfrcrange": "actfrclimited"}  # which a range switches on
 
 
 def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> mujoco.MjSpec:
@@ -78,20 +78,16 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
         _restrict_contacts(spec, changes["only_contacts"])
     for name, motor in changes.get("actuators", {}).items():
         _add_motors(spec, name, motor)
-    gone, locked = list[str](), dict[str, float]()
-    for i, pattern in enumerate(changes.get("remove_joints", ())):
-        found = _matching(spec.joints, "joint", pattern, "remove_joints", i)
-        gone += [joint.name for joint in found]
+    locked = dict[str, float]()
     for pattern, values in changes.get("joints", {}).items():
         if "lock" in values:
             found = _matching(spec.joints, "joint", pattern, "joints", pattern)
             locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
     freed = _to_free(spec, changes.get("free_bodies", ()))
-    gone += [joint.name for body in freed for joint in body.joints]
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)
-    if gone or locked or freed:
-        _remove_joints(spec, gone, locked, freed)
+    if locked or freed:
+        _remove_joints(spec, locked, freed)
     for name, sensor in sensors.items():
         _add_sensor(spec, name, sensor)
     model = _compile(spec)
@@ -173,18 +169,17 @@ def _to_free(spec: mujoco.MjSpec, patterns: Sequence[str]) -> list[Any]:
     return [*found.values()]
 
 
-def _remove_joints(
-    spec: mujoco.MjSpec, gone: Sequence[str], locked: Mapping[str, float], freed: Sequence[Any]
-) -> None:
+def _remove_joints(spec: mujoco.MjSpec, locked: Mapping[str, float], freed: Sequence[Any]) -> None:
     """Removes joints with all that is of them; a locked one leaves its body turned or shifted.
 
-    Bodies that are freed get a free joint, and in keyframes are where they were, at rest.
+    Bodies that are freed get a free joint in place of theirs, and in keyframes are where they were,
+    at rest.
 
     A body's joints act one after another, X = B J₁ J₂. If J₂ is locked, its motion goes into B, and
     J₁ is named in the frame behind it: X = (B J₂) (J₂⁻¹ J₁ J₂).
     """
     before = _compile(spec)
-    names = {*gone, *locked}
+    names = {*locked, *(joint.name for body in freed for joint in body.joints)}
     joint_type, kinds = mujoco.mjtObj.mjOBJ_JOINT, (0, 1)  # of a joint's transmission
     tied = {
         int(np.flatnonzero(before.tendon_adr <= place)[-1])
@@ -323,14 +318,7 @@ def _matching(elements: Sequence[Any], what: str, pattern: str, *place: str | in
 
 def _set_option(option: Any, values: Values) -> None:
     for name, value in values.items():
-        if name == "disable":
-            bits, prefix = mujoco.mjtDisableBit, "mjDSBL_"
-            known = [bit.removeprefix(prefix).lower() for bit in bits.__members__ if prefix in bit]
-            for i, word in enumerate(value):
-                with at_entry("changes", "option", name, i):
-                    bit = getattr(bits, prefix + one_of("flag", word, known).upper())
-                option.disableflags |= int(bit)
-        elif name in _WORDS:
+        if name in _WORDS:
             words, prefix = _WORDS[name]
             setattr(option, name, int(getattr(words, prefix + value.upper())))
         else:
@@ -342,12 +330,9 @@ def _change(spec: mujoco.MjSpec, element: Any, values: Values, place: Place) -> 
     for name, value in values.items():
         field = getattr(element, name)
         in_degrees = spec.compiler.degree and element.type == mujoco.mjtJoint.mjJNT_HINGE
-        if name in ("range", "springref") and in_degrees:
-            field_value = np.degrees(value)
-        else:
-            field_value = int(value) if isinstance(value, bool) else value
+        field_value = np.degrees(value) if name == "range" and in_degrees else value
         if name in _LIMITED:
-            setattr(element, _LIMITED[name], int(values.get(_LIMITED[name], True)))
+            setattr(element, _LIMITED[name], 1)
         if not isinstance(field, np.ndarray):
             setattr(element, name, field_value)
         elif np.size(value) <= len(field):
@@ -422,7 +407,7 @@ def _add_motors(spec: mujoco.MjSpec, key: str, motor: Values) -> None:
             actuator.ctrllimited = int(has_range)
             if ends:
                 actuator.forcelimited, actuator.forcerange = 1, ends
-        actuator.gear = [motor.get("gear", 1.0), 0, 0, 0, 0, 0]
+        actuator.gear = [1.0, 0, 0, 0, 0, 0]  # nor the defaults' gear count
         actuator.armature = motor.get("armature", 0.0)
 
 

@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 XYZ, WXYZ = tuple("xyz"), tuple("wxyz")
-FRAMES = ("body", "xbody", "geom", "site", "camera")
+FRAMES = ("body", "xbody", "geom", "site")
 OBJECTS = (*FRAMES, "joint", "tendon", "actuator")
 
 

@@ -37,7 +37,6 @@ from vgps_ros.simulation.model import (
 from vgps_ros.simulation.model_changes import changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks.first_motion import Drawn, keyframe, pose_data, with_beginning
-from vgps_ros.tasks.motion_table import read_columns
 from vgps_ros.tasks.schema import (
     Changes,
     CostTerm,
@@ -54,7 +53,6 @@ from vgps_ros.tasks.schema import (
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.task_file import (
     Document,
-    file_inside,
     find_model,
     is_multiple,
     read_task_file,
@@ -74,7 +72,6 @@ def load_task(path: Path, name: str) -> Task:
 
 
 def _build(file: TaskFile, document: Document, name: str) -> Task:
-    folder = document.folder
     mjcf = model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
     model = compile_model(mjcf, is_tried=True)
@@ -93,7 +90,7 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
     read = _Reader(dynamics, signals, context)
     with at_entry("start"):
         start = start_state(file.start, model)
-    cost, observation = _cost(file, read, start, folder), read.observation(file, start)
+    cost, observation = _cost(file, read, start), read.observation(file, start)
     optimizer, search = settings_in(file, document)
     task = Task(
         name=name,
@@ -117,7 +114,7 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
         augmentation=read.augmentation(file, observation),
     )
     with at_entry("begin"):
-        return with_beginning(task, file.begin, folder)
+        return with_beginning(task, file.begin, document.folder)
 
 
 def _signals(file: TaskFile) -> Signals:
@@ -300,8 +297,9 @@ class _Reader:
     def by_coordinate(self, spread: StateSpread | SpreadLimit, place: Place) -> Array:
         """Returns a value for each coordinate of a deviation, shape (n_dx,)."""
         names, n_v = deviation_names(self.model), self.model.nv
+        of_activation = np.inf if isinstance(spread, SpreadLimit) else 0.0
         counts = (n_v, n_v, self.model.na)
-        values = np.repeat([spread.position, spread.velocity, spread.activation], counts)
+        values = np.repeat([spread.position, spread.velocity, of_activation], counts)
         for pattern, value in spread.overrides.items():
             with at_entry(*place, "overrides", pattern):
                 for name in matching("coordinate", pattern, names):
@@ -309,7 +307,7 @@ class _Reader:
         return values
 
 
-def _cost(file: TaskFile, read: _Reader, start: Array, folder: Path) -> FeatureCost:
+def _cost(file: TaskFile, read: _Reader, start: Array) -> FeatureCost:
     """Returns the cost, whose readings are the parts of all terms of sensors, one after another."""
     steps, names = len(read.context), list[str]()
     targets, weights, smooth = [], [], []
@@ -324,9 +322,7 @@ def _cost(file: TaskFile, read: _Reader, start: Array, folder: Path) -> FeatureC
             found = read.names(term.sensor, term.index)
             names += found
             size = len(found)
-            when = np.zeros((steps, 1)) if term.terminal else np.ones((steps, 1))
-            when[-1] = 1.0
-            weights.append(when * _each(term.weight, size, "weight"))
+            weights.append(np.ones((steps, 1)) * _each(term.weight, size, "weight"))
             parts = _parts(term.target, size, "target")
             target = np.array([p.rest if isinstance(p, Followed) else p for p in parts], float)
             with at_entry("target"):
@@ -344,10 +340,6 @@ def _cost(file: TaskFile, read: _Reader, start: Array, folder: Path) -> FeatureC
                 stance += [_following(down, read)[1]] * size
             linear += [a for a, _ in follow]
             lifted += [b for _, b in follow]
-            if term.reference is not None:
-                with at_entry("reference"):
-                    times = file.control_period * np.arange(steps, dtype=float)
-                    target = read_columns(file_inside(folder, term.reference), found, times)
             targets.append(np.broadcast_to(target, (steps, size)))
             smooth.append(np.full(size, term.width if term.norm == "smooth_abs" else 0.0))
     for i, command in enumerate(read.signals.commands):

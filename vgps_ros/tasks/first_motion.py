@@ -290,8 +290,8 @@ def _several(task: Task, entry: BestMotion) -> Best:
     # And short plans, one after another, for what is struck or turned again and again:
     step, std = task.dynamics.time_step, tuple(half.tolist())
     plan, period = max(0.5, step), max(0.05, step)
-    short = Sampling(plan=plan, period=period, samples=64, iterations=4, knots=8, std=std)
-    going_on = replace(_sampling_search(task, short), ddp_iterations=0)
+    short = Sampling(plan=plan, period=period, samples=64, knots=8, std=std)
+    going_on = _sampling_search(task, short, iterations=4, ddp_iterations=0)
     return Best(task, (held, AlongPath(still), *noisy, *arriving, going_on), entry.iterations)
 
 
@@ -420,8 +420,10 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str) -> Array:
     return values
 
 
-def _sampling_search(task: Task, begin: Sampling) -> SampledMotion:
-    """Returns what finds a motion by samples."""
+def _sampling_search(
+    task: Task, begin: Sampling, iterations: int = 2, ddp_iterations: int = 5
+) -> SampledMotion:
+    """Returns what finds a motion by so many rounds of samples, and of DDP, for each plan."""
     step = task.dynamics.time_step
     for key, time in (("plan", begin.plan), ("period", begin.period)):
         refuse_if(
@@ -440,13 +442,13 @@ def _sampling_search(task: Task, begin: Sampling) -> SampledMotion:
             steps=round(begin.plan / step),
             knots=begin.knots,
             samples=begin.samples,
-            iterations=begin.iterations,
+            iterations=iterations,
             std=_std(begin, low, high),
             low=low,
             high=high,
         ),
         round(begin.period / step),
-        begin.ddp_iterations,
+        ddp_iterations,
     )
 
 
@@ -468,9 +470,6 @@ def _std(begin: Sampling, low: Array, high: Array) -> Array:
     return np.broadcast_to(std, low.shape).astype(float)
 
 
-_PLACES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_FREE)  # joints with lengths
-
-
 def path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
     """Returns the states of a path over the planned horizon, shape (T+1, n_x).
 
@@ -480,11 +479,10 @@ def path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
     Raises:
         InvalidInputError: the path names what the model or its file lacks.
     """
-    if begin.file is None:
-        states = _between_keyframes(task, begin)
-    else:
+    states = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
+    if begin.file is not None:
         with at_entry("file"):
-            states = _recorded_states(task, file_inside(folder, begin.file), begin.scale)
+            _put_recorded(task, file_inside(folder, begin.file), states)
     n_q, n_v = task.dynamics.model.nq, task.dynamics.model.nv
     space, period = task.dynamics.space, task.dynamics.time_step
     moves = space.subtract(states[1:], states[:-1])[:, :n_v]
@@ -492,24 +490,8 @@ def path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
     return states
 
 
-def _between_keyframes(task: Task, begin: PathMotion) -> Array:
-    """Returns states on lines from the start through the keyframes, at even times."""
-    model, space = task.dynamics.model, task.dynamics.space
-    knots = [_at_rest(task)]
-    for i, name in enumerate(begin.through):
-        knot = knots[0].copy()
-        with at_entry("through", i):
-            knot[: model.nq] = model.key_qpos[keyframe(model, name)]
-        knots.append(knot)
-    when = np.linspace(0.0, len(knots) - 1.0, task.planned_horizon + 1)
-    before = np.minimum(when.astype(int), max(len(knots) - 2, 0))
-    after = np.minimum(before + 1, len(knots) - 1)
-    origins, ends = np.stack(knots)[before], np.stack(knots)[after]
-    return space.add(origins, (when - before)[:, None] * space.subtract(ends, origins))
-
-
-def _recorded_states(task: Task, path: Path, scale: float) -> Array:
-    """Returns states with the positions of a file, and the start's where it has none."""
+def _put_recorded(task: Task, path: Path, states: Array) -> None:
+    """Puts the positions that a file has into states (T+1, n_x)."""
     model = task.dynamics.model
     positions = state_names(model)[: model.nq]
     header, _ = read_rows(path)
@@ -519,19 +501,10 @@ def _recorded_states(task: Task, path: Path, scale: float) -> Array:
             f"{path.name} has none of the columns {', '.join(positions)}; name them time and "
             "JOINT/position."
         )
-    times = task.dynamics.time_step * np.arange(task.planned_horizon + 1)
-    states = np.tile(_at_rest(task), (len(times), 1))
-    columns = [positions.index(name) for name in names]
-    lengths = {
-        model.jnt_qposadr[joint] + i
-        for joint in np.flatnonzero(np.isin(model.jnt_type, _PLACES))
-        for i in range(3 if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE else 1)
-    }
-    factors = np.where(np.isin(columns, list(lengths)), scale, 1.0)
-    states[:, columns] = factors * read_columns(path, names, times)
+    times = task.dynamics.time_step * np.arange(len(states))
+    states[:, [positions.index(name) for name in names]] = read_columns(path, names, times)
     for state in states:
         mujoco.mj_normalizeQuat(model, state[: model.nq])
-    return states
 
 
 def _at_rest(task: Task) -> Array:

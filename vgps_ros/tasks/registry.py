@@ -85,10 +85,9 @@ def copy_of(reference: str, folder: Path) -> tuple[dict[str, Any], dict[Path, Pa
     content = read_document(path).data
     if not content["model"].startswith("package:"):
         content["model"] = os.path.relpath(find_model(content["model"], path.parent), folder)
-    parts = [entry for entry in (*content["cost"], content.get("begin")) if isinstance(entry, dict)]
-    tables = [part[key] for part in parts for key in ("reference", "file") if key in part]
-    is_elsewhere = folder.resolve() != path.parent.resolve()
-    return content, {path.parent / name: folder / name for name in tables if is_elsewhere}
+    begin, is_elsewhere = content.get("begin"), folder.resolve() != path.parent.resolve()
+    table = begin.get("file") if isinstance(begin, dict) and is_elsewhere else None
+    return content, {path.parent / table: folder / table} if table else {}
 
 
 def runs_code(reference: str) -> bool:

@@ -85,13 +85,6 @@ class CostTerm(Record, frozen=True, kw_only=True):
             1.0,
         ),
     ] = 0.0
-    reference: Annotated[
-        Name | None,
-        about(
-            "file of a target that varies with time: columns with the header time,SCALAR,...",
-            "reference.csv",
-        ),
-    ] = None
     weight: Annotated[
         NonNegative | tuple[NonNegative, ...],
         about("weight, or one for each part [1 / square of the unit]", 1.0),
@@ -103,7 +96,6 @@ class CostTerm(Record, frozen=True, kw_only=True):
     width: Annotated[
         Positive, about("deviation below which smooth_abs is round, in the sensor's unit", 0.1)
     ] = 0.1
-    terminal: Annotated[bool, about("whether only the last state counts", True)] = False
     when: Annotated[
         Literal["moving", "still"] | Stance | None,
         about(
@@ -240,9 +232,6 @@ class Option(Record, frozen=True, kw_only=True):
     tolerance: Annotated[NonNegative | None, about("the solver's tolerance", 1e-12)] = None
     ls_iterations: Annotated[Count | None, about("most iterations of its line search", 50)] = None
     gravity: Annotated[Vector | None, about("gravity, x y z [m/s²]", (0.0, 0.0, -9.81))] = None
-    disable: Annotated[
-        tuple[Name, ...], about("MuJoCo's flags to switch off", ["contact", "constraint"])
-    ] = ()
 
 
 class JointChange(Record, frozen=True, kw_only=True):
@@ -255,16 +244,10 @@ class JointChange(Record, frozen=True, kw_only=True):
         ),
     ] = None
     damping: Annotated[NonNegative | None, about("damping [N·m·s/rad]", 1.0)] = None
-    stiffness: Annotated[NonNegative | None, about("stiffness of a spring [N·m/rad]", 0.0)] = None
-    springref: Annotated[Number | None, about("position at which it rests [rad]", 0.0)] = None
     armature: Annotated[NonNegative | None, about("the rotor's inertia [kg·m²]", 0.02)] = None
     frictionloss: Annotated[NonNegative | None, about("dry friction [N·m]", 0.0)] = None
-    limited: Annotated[bool | None, about("whether the range is a limit", True)] = None
     range: Annotated[
         tuple[Number, Number] | None, about("lowest and highest position [rad]", (-1.0, 1.0))
-    ] = None
-    margin: Annotated[
-        NonNegative | None, about("distance at which a limit begins to act [rad]", 0.0)
     ] = None
     solref_limit: Annotated[
         tuple[Number, Number] | None,
@@ -303,7 +286,6 @@ class GeomChange(Record, frozen=True, kw_only=True):
         Literal[1, 3, 4, 6] | None, about("dimensions of a contact's force; 1: no friction", 3)
     ] = None
     priority: Annotated[Count | None, about("of two, the higher one's values count", 1)] = None
-    margin: Annotated[NonNegative | None, about("distance at which contact begins [m]", 0.0)] = None
 
 
 class BodyChange(Record, frozen=True, kw_only=True):
@@ -323,12 +305,11 @@ class Motor(Record, frozen=True, kw_only=True):
             "hip",
         ),
     ]
-    gear: Annotated[Number, about("torque for a control of 1 [N·m]", 1.0)] = 1.0
     limit: Annotated[
         Positive | None,
         about(
-            "largest control of a motor either way, with a gear of 1 in [N·m]; largest force of a "
-            "servo, whose targets stay in the joint's range",
+            "largest control of a motor either way [N·m]; largest force of a servo, whose "
+            "targets stay in the joint's range",
             24.0,
         ),
     ] = None
@@ -369,10 +350,6 @@ class Changes(Record, frozen=True, kw_only=True):
         tuple[Name, ...],
         about("names or patterns of bodies to remove, with all that they carry", ["arm"]),
     ] = ()
-    remove_joints: Annotated[
-        tuple[Name, ...],
-        about("names or patterns of joints to remove, with their actuators and tendons", ["root"]),
-    ] = ()
     free_bodies: Annotated[
         tuple[Name, ...],
         about("names or patterns of bodies that get a free joint in place of their own", ["trunk"]),
@@ -404,7 +381,6 @@ class Frame(Record, frozen=True, kw_only=True):
     xbody: Annotated[Name | None, about("a body: its frame as the MJCF has it", "torso")] = None
     geom: Annotated[Name | None, about("a geom", "left_foot")] = None
     site: Annotated[Name | None, about("a site", "imu")] = None
-    camera: Annotated[Name | None, about("a camera", "track")] = None
 
 
 class Sensor(Frame, frozen=True, kw_only=True):
@@ -439,7 +415,6 @@ class StateSpread(Record, frozen=True, kw_only=True):
 
     position: Annotated[NonNegative, about("of each position [m, rad]", 0.01)] = 0.0
     velocity: Annotated[NonNegative, about("of each velocity [m/s, rad/s]", 0.1)] = 0.0
-    activation: Annotated[NonNegative, about("of each actuator's activation", 0.0)] = 0.0
     overrides: Annotated[
         dict[str, NonNegative],
         about(
@@ -487,7 +462,6 @@ class SpreadLimit(Record, frozen=True, kw_only=True):
 
     position: Annotated[float, about("[m, rad]", 0.3, gt=0)] = inf
     velocity: Annotated[float, about("[m/s, rad/s]", 4.0, gt=0)] = inf
-    activation: Annotated[float, about("of an actuator", 1.0, gt=0)] = inf
     overrides: Annotated[
         dict[str, Annotated[float, Meta(gt=0)]],
         about(
@@ -554,7 +528,6 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
         Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
     ] = 0.05
     samples: Annotated[int, about("plans tried in an iteration", 32, ge=2, le=100_000)] = 32
-    iterations: Annotated[int, about("rounds of samples for each plan", 2, ge=1, le=1000)] = 2
     knots: Annotated[
         int, about("points in a plan between which a sample's change is linear", 6, ge=2, le=1000)
     ] = 6
@@ -566,7 +539,6 @@ class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling
         Positive | tuple[Positive, ...] | None,
         about("the same in the control's own unit, or one for each actuator [N·m]", 30.0),
     ] = None
-    ddp_iterations: Annotated[int, about("iterations of DDP on each plan", 5, ge=0, le=1000)] = 5
 
 
 class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="demonstration"):
@@ -581,24 +553,17 @@ class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="de
 class PathMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="path"):
     """Positions over time; they need not be feasible.
 
-    Without keyframes and file the robot stays in the air, or wherever it starts.
+    Without a file the robot stays in the air, or wherever it starts.
     """
 
-    through: Annotated[
-        tuple[Keyframe, ...],
-        about("keyframes to pass on straight lines from the start, at even times", ["stand"]),
-    ] = ()
     file: Annotated[
         Name | None,
         about(
-            "or a file with columns time and JOINT/position, also of another robot: joints that it "
+            "a file with columns time and JOINT/position, also of another robot: joints that it "
             "lacks stay as they start",
             "walk.csv",
         ),
     ] = None
-    scale: Annotated[
-        Positive, about("of the file's lengths, as the ratio of two robots' sizes", 0.8)
-    ] = 1.0
 
 
 class BestMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="best"):

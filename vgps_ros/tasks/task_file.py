@@ -72,7 +72,7 @@ MOST_STEPS = 100_000
 _PACKAGE = re.compile(r"package://([A-Za-z]\w*)/(.+)")
 _LONGEST_ERROR = 480
 _ROUNDING = 1e-6  # relative error up to which a time counts as a whole multiple of another
-_OF_SENSORS = ("index", "target", "reference", "norm", "width", "terminal", "when")
+_OF_SENSORS = ("index", "target", "norm", "width", "when")
 _WORDS = {  # msgspec's words, and plain ones
     " | null": "",
     "null | ": "",
@@ -510,7 +510,7 @@ def _check(task: TaskFile, given: Mapping[str, Any], folder: Path) -> None:
             _check_command(name, command, task.commands)
     for i, term in enumerate(task.cost):
         with at_entry("cost", i):
-            _check_term(term, given["cost"][i], folder)
+            _check_term(term, given["cost"][i])
     for i, entry in enumerate(task.observe):
         if isinstance(entry, ObservedEntry):
             with at_entry("observe", i):
@@ -547,11 +547,6 @@ def _check_begin(begin: Begin, given: Mapping[str, Any], folder: Path) -> None:
     if isinstance(begin, RecordedMotion | PathMotion) and begin.file is not None:
         with at_entry("file"):
             file_inside(folder, begin.file)
-        refuse_if(
-            "through" in given,
-            "a path goes through keyframes or is in a file; leave one of them out.",
-            "through",
-        )
     refuse_if(
         isinstance(begin, Sampling) and begin.std is not None and "noise" in given,
         "it is a share of the controls' range, for which std stands; leave one of them out.",
@@ -596,8 +591,8 @@ def _check_times(task: TaskFile) -> None:
     )
 
 
-def _check_term(term: CostTerm, given: Mapping[str, Any], folder: Path) -> None:
-    """Checks a term of the cost: its kind and its file."""
+def _check_term(term: CostTerm, given: Mapping[str, Any]) -> None:
+    """Checks a term of the cost."""
     _check_one_of(term, ("sensor", "control"))
     if term.sensor is None:
         for key in _OF_SENSORS:
@@ -632,10 +627,6 @@ def _check_term(term: CostTerm, given: Mapping[str, Any], folder: Path) -> None:
                     "only a swing has a phase; leave it out.",
                     "phase",
                 )
-    if term.reference is not None:
-        refuse_if("target" in given, "a term has a target or a reference.", "target")
-        with at_entry("reference"):
-            file_inside(folder, term.reference)
 
 
 def _check_observation(entry: ObservedEntry, given: Mapping[str, Any]) -> None:

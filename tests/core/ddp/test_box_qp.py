@@ -90,7 +90,7 @@ def test_solve_within_limits_is_the_dense_problem_with_bounds(lq_problem, rng, l
     problem = dataclasses.replace(lq_problem(), limit=limit)
     start = rng.standard_normal(problem.state_dim)
     initial = problem.rollout(start, lambda t, x: np.zeros(2), problem.horizon)
-    solution = solve(problem, problem, initial, DdpSettings(cost_tolerance=0.0), 200)
+    solution = solve(problem, problem, initial, DdpSettings(), 200, cost_tolerance=0.0)
     expected = dense_boxed(problem, start, limit)
     clamped = np.abs(expected) > limit - 1e-9  # the other solver may stop within rounding of it
     assert clamped.any()

@@ -2,6 +2,7 @@
 """Solves that begin with a trajectory which does not satisfy the dynamics."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -136,9 +137,10 @@ def test_gaps_change_nothing_about_q_once_they_are_closed(lq_problem, guess):
     problem = dataclasses.replace(lq_problem(), limit=0.5)
     initial = guess(problem)
     executed = problem.rollout(initial.states[0], lambda t, _: np.zeros(2), problem.horizon)
-    settings = DdpSettings(cost_tolerance=1e-14)
-    with_gaps = solve(problem, problem, initial, settings, 100, gaps=problem.gaps(initial))
-    without = solve(problem, problem, executed, settings, 100)
+    solve_closely = partial(solve, problem, problem, cost_tolerance=1e-14)
+    settings = DdpSettings()
+    with_gaps = solve_closely(initial, settings, 100, gaps=problem.gaps(initial))
+    without = solve_closely(executed, settings, 100)
     assert not with_gaps.policy.free.all()
     assert_array_equal(with_gaps.policy.free, without.policy.free)
     for name in ("gains", "q_uu"):
@@ -150,7 +152,7 @@ def test_gaps_change_nothing_about_q_once_they_are_closed(lq_problem, guess):
 def test_gaps_that_stay_open_are_an_error_with_advice(lq_problem, guess):
     problem = lq_problem()
     initial = guess(problem)
-    stuck = DdpSettings(initial_regularization=1e9, line_search_shrink=0.01, line_search_steps=1)
+    stuck = DdpSettings(initial_regularization=1e9)
 
     class Shaking:
         """A cost that grows wherever the trajectory goes."""

@@ -13,8 +13,16 @@ from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
-from vgps_ros.core.optimizer_settings import DdpSettings
-from vgps_ros.core.records import Array, ControlBounds, CostExpansion, LinearDynamics, Trajectory
+from vgps_ros.core.records import (
+    Array,
+    ControlBounds,
+    CostExpansion,
+    LinearDynamics,
+    Trajectory,
+)
+
+_STEP_SIZES = tuple(0.5**i for i in range(8))  # tried in order, before μ grows
+_ACCEPTANCE = 0.1  # least share of the expected cost reduction that a step must bring
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,10 @@ class Problem:
         )
 
     def around(
-        self, trajectory: Trajectory, known: LinearDynamics | None = None, gaps: Array | None = None
+        self,
+        trajectory: Trajectory,
+        known: LinearDynamics | None = None,
+        gaps: Array | None = None,
     ) -> Iterate:
         """Expands dynamics and cost around a trajectory, whose f_x, f_u may be known already.
 
@@ -117,28 +128,25 @@ class ForwardStep:
     is_accepted: bool
 
 
-def forward_pass(
-    problem: Problem, around: Iterate, policy: LocalPolicy, settings: DdpSettings
-) -> list[ForwardStep]:
+def forward_pass(problem: Problem, around: Iterate, policy: LocalPolicy) -> list[ForwardStep]:
     """Tries u = ū + α k + K (x ⊖ x̄) with falling α; returns all steps up to the accepted one.
 
     A step closes its share α of each gap, and all of them at α = 1 (Mastalli et al., ICRA 2020).
     """
     nominal, gaps = around.trajectory, around.gaps
-    step_sizes = settings.line_search_shrink ** np.arange(settings.line_search_steps)
     nominals = [
         Trajectory(nominal.states, nominal.controls + step_size * policy.feedforward)
-        for step_size in step_sizes
+        for step_size in _STEP_SIZES
     ]
-    left = [None if gaps is None or a == 1.0 else (1.0 - a) * gaps for a in step_sizes]
+    left = [None if gaps is None or a == 1.0 else (1.0 - a) * gaps for a in _STEP_SIZES]
     model, worth = (policy, 0.0) if gaps is None else _while_closing(gaps, around, policy)
     tried: list[ForwardStep] = []
     found = problem.dynamics.follow_each(nominal.states[0], nominals, policy.gains, left)
-    for step_size, trajectory, gap in zip(step_sizes.tolist(), found, left, strict=True):
+    for step_size, trajectory, gap in zip(_STEP_SIZES, found, left, strict=True):
         cost = float(np.sum(problem.cost.values(trajectory)))
         expected = model.expected_reduction(step_size)
         brought, promised = (r + step_size * worth for r in (around.cost - cost, expected))
-        enough = brought > max(settings.acceptance_ratio * promised, 0.0)
+        enough = brought > max(_ACCEPTANCE * promised, 0.0)
         tried.append(ForwardStep(trajectory, gap, cost, step_size, expected, enough))
         if not enough:
             continue
@@ -146,7 +154,7 @@ def forward_pass(
             (closed,) = problem.dynamics.follow_each(nominal.states[0], [trajectory], policy.gains)
             cost = float(np.sum(problem.cost.values(closed)))
             promised, brought = expected + worth, around.cost - cost + worth
-            enough = brought > max(settings.acceptance_ratio * promised, 0.0)
+            enough = brought > max(_ACCEPTANCE * promised, 0.0)
             step = ForwardStep(closed, None, cost, step_size, expected, enough)
             tried.insert(len(tried) - (not enough), step)
         break

@@ -50,7 +50,7 @@ def mean_derivatives(
     if bad.size:
         raise DivergenceError(
             f"A derivative of the dynamics is not finite around step {bad[0]}, where samples of q "
-            f"{width:g} times as wide as q were drawn: lower dynamics_sample_width."
+            f"{width:g} times as wide as q were drawn: leave out dynamics_samples."
         )
     return LinearDynamics(f_x, f_u), taken
 

@@ -31,7 +31,9 @@ from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory
 
+COST_TOLERANCE = 1e-7  # relative cost reduction below which a solve has converged
 _GROWTH = 1.6  # of the factor by which μ changes
+_LARGEST_MU = 1e10  # beyond which a solve gives up
 _CLOSED = 1e-9  # gaps that are no more than rounding
 
 
@@ -99,17 +101,19 @@ class StepSearch:
         self.mu = max(settings.initial_regularization, settings.regularization_floor)
         self.simulator_steps = 0
 
-    def next_step(self, around: Iterate, tolerance: float = 0.0) -> ForwardStep | Status:
-        """Raises μ until a step lowers the cost; returns the status that ends the solve if none."""
+    def next_step(self, around: Iterate, negligible: float) -> ForwardStep | Status:
+        """Raises μ until a step lowers the cost; returns the status that ends the solve if none.
+
+        A solve has converged where no more than what is negligible can be expected.
+        """
         first_mu, horizon = self.mu, around.trajectory.horizon
         while not self._is_cancelled():
             policy = self._problem.local_policy(around, self.mu)
             if policy.complete:
-                negligible = max(tolerance, self._settings.cost_tolerance * abs(around.cost))
                 is_small = policy.expected_reduction(1.0) <= negligible
                 if not _are_open(around.gaps) and self.mu == first_mu and is_small:
                     return Status.CONVERGED
-                tried = forward_pass(self._problem, around, policy, self._settings)
+                tried = forward_pass(self._problem, around, policy)
                 self.simulator_steps += len(tried) * horizon * self._problem.dynamics.substeps
                 if tried[-1].is_accepted:
                     return tried[-1]
@@ -121,7 +125,7 @@ class StepSearch:
         """Returns false if μ passes its limit."""
         self._factor = max(self._factor, 1.0) * _GROWTH
         self.mu = max(self.mu * self._factor, 1e-6)
-        return self.mu <= self._settings.regularization_limit
+        return self.mu <= _LARGEST_MU
 
     def lower_mu(self) -> None:
         """Lowers μ, down to its floor."""
@@ -138,6 +142,7 @@ def solve(
     *,
     linear_dynamics: LinearDynamics | None = None,
     gaps: Array | None = None,
+    cost_tolerance: float = COST_TOLERANCE,
     tolerance: float = 0.0,
     on_iteration: Callable[[Iteration], None] = lambda _: None,
     is_cancelled: Callable[[], bool] = lambda: False,
@@ -148,13 +153,13 @@ def solve(
         dynamics: x' = f(x, u).
         cost: c(x, u).
         initial: trajectory to start from.
-        settings: regularisation, line search and tolerance.
+        settings: its regularisation.
         max_iterations: largest number of iterations, at least 1.
         linear_dynamics: f_x, f_u around `initial`, where the caller has them already.
         gaps: f(x̄, ū) ⊖ x̄' of each step of `initial`, shape (T, n_dx), where it does not satisfy
             the dynamics; they are closed on the way. None: it was executed.
-        tolerance: share of what the iterations have brought so far; one that brings less ends the
-            solve. That of the settings is relative to the cost, and the larger one counts.
+        cost_tolerance: share of the cost; an iteration that brings less ends the solve.
+        tolerance: the same of what the iterations have brought so far; the larger one counts.
         on_iteration: called with each iteration's log.
         is_cancelled: called between the parts of an iteration; true ends the solve.
 
@@ -176,7 +181,8 @@ def solve(
     brought = 0.0
     status = Status.ITERATION_LIMIT
     while len(log) < max_iterations:
-        step = search.next_step(iterate, tolerance * brought)
+        negligible = max(tolerance * brought, cost_tolerance * abs(iterate.cost))
+        step = search.next_step(iterate, negligible)
         had_gaps = iterate.gaps is not None
         if isinstance(step, Status):
             status = step
@@ -196,7 +202,7 @@ def solve(
         iterate = problem.around(step.trajectory, gaps=step.gaps)
         derivative_steps += iterate.simulator_steps
         brought += log[-1].cost_reduction
-        negligible = max(tolerance * brought, settings.cost_tolerance * abs(iterate.cost))
+        negligible = max(tolerance * brought, cost_tolerance * abs(iterate.cost))
         is_small = log[-1].cost_reduction < negligible
         if is_small and not had_gaps:
             status = Status.CONVERGED
@@ -278,7 +284,8 @@ def improve(
     """
     problem = Problem(dynamics, cost)
     around = problem.around(motion)
-    step = StepSearch(problem, settings, is_cancelled).next_step(around)
+    negligible = COST_TOLERANCE * abs(around.cost)
+    step = StepSearch(problem, settings, is_cancelled).next_step(around, negligible)
     gains = centre_of_q(problem, around, settings.distribution_regularization).gains
     if isinstance(step, Status):
         return Improvement(motion, gains, around.cost, step)

@@ -69,13 +69,6 @@ COMMAND_TIMEOUT = Setting(
     minimum=0.01,
     maximum=86400.0,
 )
-COMMAND_AGE_LIMIT = Setting(
-    "command_age_limit",
-    10,
-    "in real_time mode, control steps for which a command may be held before that is an error",
-    minimum=1,
-    maximum=1_000_000,
-)
 PUSH_DURATION = Setting(
     "push_duration",
     0.1,
@@ -86,6 +79,7 @@ PUSH_DURATION = Setting(
 START_PAUSED = Setting("start_paused", False, "whether to wait for a service call before moving")
 
 _COMMAND = "joint_command from policy_executor"
+_OLDEST_COMMAND = 10  # control steps for which a command may be held before that is an error
 _FIGURE_PERIOD = 1.0  # over which figures are taken [s]
 _REPEAT_PERIOD = 1.0  # between two copies of a state that does not change [s]
 
@@ -109,14 +103,13 @@ class SimulationNode(Node):
         self._lock_step = declare(self, MODE) == "lock_step"
         self._factor = factor = declare(self, REAL_TIME_FACTOR)
         declare(self, COMMAND_TIMEOUT, may_change=True)
-        age_limit = declare(self, COMMAND_AGE_LIMIT)
         declare(self, PUSH_DURATION, may_change=True)
         self.control = RunControl(paused=declare(self, START_PAUSED))
         model = self._task.dynamics.model
         self._frames = FrameBroadcaster(self, model)
         self._imu = SimulatedImu(self, self._messages, model.opt.gravity)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
-        self._command_age = CommandAge(self._health, age_limit)
+        self._command_age = CommandAge(self._health)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held_stamp = 0  # of the state that the held command answers [ns]
@@ -288,8 +281,8 @@ class SimulationNode(Node):
 class CommandAge:
     """Shows on /diagnostics for how many control steps each command was held; one is right."""
 
-    def __init__(self, health: Health, limit: int):
-        self._health, self._limit = health, limit  # steps from which on it is an error
+    def __init__(self, health: Health):
+        self._health = health
         self._overruns = self._steps = 0
         self._begin()
 
@@ -303,14 +296,14 @@ class CommandAge:
         self._ages += age
         self._count += 1
         self._oldest = max(self._oldest, age)
-        if age == self._limit:
+        if age == _OLDEST_COMMAND:
             sentence = (
                 f"A command was held for {age} control steps or more, but each step needs a new "
                 "one: give the controller more of the processor, or bring it nearer."
             )
             self._health.report("command age", error=sentence)
         if time.monotonic() - self._since > _FIGURE_PERIOD:
-            if self._oldest < self._limit:
+            if self._oldest < _OLDEST_COMMAND:
                 self._health.clear("command age")
             mean = self._ages / self._count
             self._health.set_value("command age", f"mean {mean:.2f}, largest {self._oldest} steps")
