@@ -11,7 +11,7 @@ import yaml
 
 from vgps_ros.programs.__main__ import main
 from vgps_ros.tasks import make_task
-from vgps_ros.wizard.task_check import derivative_errors, inexact
+from vgps_ros.wizard.task_check import derivative_errors, examine_task, inexact
 
 GROUND = '<geom name="ground" type="plane" size="0 0 1"/>'
 LEG = """
@@ -187,9 +187,9 @@ def written(tmp_path, monkeypatch):
         (WEAK.replace('"-.5 .5"', '"-9 9"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30"'), "An arm", ["swing/position, target: 0.5"]),
         (WEAK.replace("motor", 'position kp="30" forcerange="-.5 .5"'), "underactuated", []),
-        (ARM, "An arm", ["shoulder/position, target: 0.5"]),
+        (ARM, "its tip shall go where it is commanded", ["index: [x, z], target: [{command: x"]),
         (ARM.replace("</worldbody>", CUBE + "</worldbody>"), "An arm", ["shoulder/position"]),
-        (ARM.replace("<joint", BOLTED + "<joint", 1), "An arm", ["shoulder/position"]),
+        (ARM.replace("<joint", BOLTED + "<joint", 1), "An arm", ["index: [x, z]"]),
         (HELD, "An arm", ["remove_bodies: [mouse]"]),
         (FOUR_BARS, "An arm", ["crank/position, target: 0.5"]),
         (CART, "No feet were found", ["index: x, target: 1", "solref: [0.032, 1]"]),
@@ -450,7 +450,8 @@ def test_a_hand_starts_within_its_limits(written):
 
 
 def test_the_servos_of_an_arm_may_go_where_it_shall_go(written):
-    stiff = ARM.replace("motor", 'position kp="900" forcerange="-9 9"')
+    arm = ARM.replace("</worldbody>", CUBE + "</worldbody>")
+    stiff = arm.replace("motor", 'position kp="900" forcerange="-9 9"')
     text, task = written(stiff)
     assert "{control: all, pose: {shoulder: 0.5, elbow: 0.5}, weight: 2}" in text
     assert task.cost.control_targets.tolist() == [0.5, 0.5]
@@ -463,6 +464,47 @@ def test_the_servos_of_an_arm_may_go_where_it_shall_go(written):
     assert text.partition("control: all")[2].partition("weight: ")[2].startswith("50}")
     first = task.begin(task, task.initial_state, task.horizon, np.random.default_rng(0))
     assert first.trajectory.controls == pytest.approx(0.5)
+
+
+SIX = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")  # axes, as of a UR5
+SIX_JOINTS = f"""<mujoco><worldbody>{
+    "".join(
+        f'<body pos="0 0 {length if i else 0.2}"><joint name="j{i}" axis="{axis}"/>'
+        f'<geom type="capsule" size=".03" fromto="0 0 0 0 0 {length}"/>'
+        for i, (axis, length) in enumerate(zip(SIX, (0.1, 0.4, 0.4, 0.1, 0.1, 0.1), strict=True))
+    )
+}<site name="tool" pos="0 0 .1"/>{"</body>" * 6}</worldbody>
+<option><flag contact="disable"/></option><actuator>{
+    "".join(f'<position joint="j{i}" kp="900" kv="90"/>' for i in range(6))
+}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("model", "axes", "seen"), [(ARM, "xz", "geom: lower_geom"), (SIX_JOINTS, "xyz", "site: tool")]
+)
+def test_the_tip_of_an_arm_is_commanded_in_a_box_that_it_reaches(written, model, axes, seen):
+    """It starts bent in the middle of the box, and DDP brings it to the ends."""
+    text, task = written(model)
+    assert f"tip: {{type: framepos, {seen}}}" in text
+    assert "varied: {position: 0.4, velocity: 0.3}" in text
+    commands = task.signals.commands
+    assert [c.name for c in commands] == list(axes)
+    assert {f"command/{axis}" for axis in axes} <= {*task.observation.names}
+    assert {"tip/x", "tip/y", "tip/z"} <= {*task.observation.names}
+    (half,) = {c.highest for c in commands}
+    assert half > 0.05
+    assert all(c.lowest == -half for c in commands)
+    data = mujoco.MjData(task.dynamics.model)
+    data.qpos[:] = task.initial_state[: len(data.qpos)]
+    mujoco.mj_kinematics(task.dynamics.model, data)
+    kind, name = seen.split(": ")
+    tip = getattr(data, kind)(name).xpos
+    rests = [term for term in yaml.safe_load(text)["cost"] if term.get("sensor") == "tip"]
+    middle = [target["rest"] for target in rests[0]["target"]]
+    assert middle == pytest.approx(tip[["xyz".index(axis) for axis in axes]], abs=5e-3)
+    found = examine_task(task, 5, 0, lambda *_: None).commands
+    assert len(found) == 2 * len(axes)
+    assert [does for *_, does in found] == pytest.approx([v for *_, v, _ in found], abs=half / 4)
 
 
 def test_what_makes_derivatives_worthless_is_changed_and_activations_are_read(written):

@@ -15,12 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vgps_ros.core.cost import TrajectoryCost
-from vgps_ros.core.marginals import (
-    Histories,
-    recollections,
-    sample_deviations,
-    sample_histories,
-)
+from vgps_ros.core.marginals import Histories, recollections, sample_deviations, sample_histories
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, CostExpansion, Trajectory, TrajectoryDistribution

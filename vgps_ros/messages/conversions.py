@@ -152,11 +152,7 @@ def stamp_of(nanoseconds: int) -> Time:
 
 
 def policy_to_msg(
-    policy: GaussianPolicy,
-    task: str,
-    iteration: int,
-    stamp: Time,
-    robot: RobotModel | None = None,
+    policy: GaussianPolicy, task: str, iteration: int, stamp: Time, robot: RobotModel | None = None
 ) -> GaussianPolicyMsg:
     """Returns the policy as a message; without a robot it does not say which one it is for."""
     given = {"header": Header(stamp=stamp), "task": task, "iteration": iteration}
@@ -182,11 +178,7 @@ def policy_from_msg(message: GaussianPolicyMsg) -> GaussianPolicy:
 
 
 def distribution_to_msg(
-    q: TrajectoryDistribution,
-    robot: Deployment,
-    trajectory_index: int,
-    iteration: int,
-    stamp: Time,
+    q: TrajectoryDistribution, robot: Deployment, trajectory_index: int, iteration: int, stamp: Time
 ) -> TrajectoryDistributionMsg:
     """Returns q(ζ) as a message."""
     message = TrajectoryDistributionMsg(

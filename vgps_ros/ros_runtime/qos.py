@@ -69,14 +69,7 @@ class Liveness:
         losses: how often a publisher was lost: it was killed, hung, or ended.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        kind: Any,
-        topic: str,
-        *,
-        group: CallbackGroup | None = None,
-    ):
+    def __init__(self, node: Node, kind: Any, topic: str, *, group: CallbackGroup | None = None):
         self.losses = 0
         self._is_alive = False
         self._node, self._topic = node, node.resolve_topic_name(topic)

@@ -18,12 +18,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import compiled_readings as compiled
 from vgps_ros.simulation.dynamics import Simulations
-from vgps_ros.simulation.model import (
-    cyclic_positions,
-    deviation_names,
-    sensor_numbers,
-    state_names,
-)
+from vgps_ros.simulation.model import cyclic_positions, deviation_names, sensor_numbers, state_names
 
 _EPS = 1e-7  # perturbation of the finite differences
 _LEAST_READ = 200  # states that a thread reads at least, since it takes longer to hand fewer over
@@ -184,7 +179,7 @@ _OF_FRAMES = {
 }
 # Sensors of a body with all that hangs on it.
 _OF_SUBTREES = {
-    *(_SENSOR.mjSENS_SUBTREECOM, _SENSOR.mjSENS_SUBTREELINVEL, _SENSOR.mjSENS_SUBTREEANGMOM),
+    *(_SENSOR.mjSENS_SUBTREECOM, _SENSOR.mjSENS_SUBTREELINVEL, _SENSOR.mjSENS_SUBTREEANGMOM)
 }
 _OF_JOINTS = {
     *(_SENSOR.mjSENS_JOINTPOS, _SENSOR.mjSENS_JOINTVEL),

@@ -161,12 +161,7 @@ def receding_motion(
 
 
 def replan(
-    problem: Plans,
-    sampler: Sampler,
-    plan: Array,
-    x: Array,
-    first: int,
-    rng: np.random.Generator,
+    problem: Plans, sampler: Sampler, plan: Array, x: Array, first: int, rng: np.random.Generator
 ) -> Array:
     """Returns controls (H, n_u) that cost no more than a plan's.
 

@@ -44,13 +44,7 @@ from ruamel.yaml.parser import ParserError
 from ruamel.yaml.scanner import ScannerError
 
 from vgps_ros.core.checks import list_names, nearest, one_of, quote
-from vgps_ros.core.errors import (
-    InvalidEntryError,
-    InvalidInputError,
-    Place,
-    at_entry,
-    refuse_if,
-)
+from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry, refuse_if
 from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import with_values
 from vgps_ros.robot.signals import SOURCE
@@ -621,10 +615,7 @@ def _check_term(term: CostTerm, given: Mapping[str, Any], folder: Path) -> None:
         names = (term.control,) if isinstance(term.control, str) else term.control or ()
         for i, name in enumerate(names):
             refuse_if(
-                name in names[:i],
-                "this entry stands twice; leave one of them out.",
-                "control",
-                i,
+                name in names[:i], "this entry stands twice; leave one of them out.", "control", i
             )
     refuse_if(
         "width" in given and term.norm != "smooth_abs",

@@ -9,7 +9,8 @@ robot is for is found in `robot`, and the lines that the facts pick and fill sta
 import json
 import re
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -37,6 +38,7 @@ from vgps_ros.wizard.robot import (
     ground_of,
     ground_planes,
     legs_of,
+    loops_of,
     recognise_robot,
     swing_time,
     touching_geoms,
@@ -45,11 +47,12 @@ from vgps_ros.wizard.robot import (
 
 _TEMPLATE = Path(__file__).with_name("first_task.template")
 _UNKNOWN_REACH = 0.8  # of a servo whose force has no limit: the target at which it is strong [rad]
+_BOXES = (0.2, 0.15, 0.1, 0.05)  # half the width of a tip's box, of the arm's length
 _FALLEN = 0.55  # of its height, below which a robot with legs lies
 _NEAR = 5.0  # body lengths within which a swimmer is sent to a target
 _ALIKE = 0.04  # of a leg, within which two joints' axes are one line
 _LOW = 0.15  # of a leg, up to which the middle of a foot that is down lies above the ground
-_SENSORS = ("velocity", "turning", "height", "up", "to_target")  # whose names may be taken
+_SENSORS = ("velocity", "turning", "height", "up", "to_target", "tip")  # whose names may be taken
 _PERIOD = 0.02  # of control, of what swims or swings [s]
 _AT_JOINT = mujoco.mjtTrn.mjTRN_JOINT
 _LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)  # a first-order lag [s]
@@ -73,6 +76,7 @@ def first_task_file(reference: str, edited: EditedModel, schema: str) -> str:
         pairs = zip(former.actuator_trntype, former.actuator_trnid[:, 0], largest, strict=True)
         at_joint = [(former.joint(j).name, force) for kind, j, force in pairs if kind == _AT_JOINT]
         robot.strengths = {name: float(force) for name, force in at_joint if force < CONTROL_BOUND}
+    _set_box(robot)
     facts: dict[str, Any] = dict.fromkeys(_EDITS) | changes
     facts |= _template_values(robot, former) | {"schema": schema, "model": reference}
     locks = changes.get("joints", {}).items()
@@ -130,13 +134,14 @@ def _template_values(robot: Robot, former: mujoco.MjModel) -> dict[str, Any]:
         "weightless": robot.base and not robot.gravity,
         "count": len(robot.feet) or finger_count(robot),
         **{what: ", ".join(filter(None, names)) or "none" for what, names in listed.items()},
-        "goes_on": bool(robot.base) or _swings_up(robot),  # after its horizon, as it is trained to
+        # After its horizon, as it is trained to:
+        "goes_on": bool(robot.base or robot.box) or _swings_up(robot),
         "keyframe": None if robot.key is None else listed["keyframes"][robot.key],
         "moved": _flow(moved, 5) if moved else "",
         "seeks": (seeks := _has_target(robot)),
         "measured": seeks or (legs and robot.is_free),
         "swims": "reach what is called target" if seeks else f"go along {robot.forward[0]}",
-        "varied": _start_spread(robot),
+        "varied": _start_spread(robot) if seeks or robot.box else None,
         "observed": _observations(robot),
         **{name.upper(): _flow(robot.new_sensor(name)) for name in _SENSORS},
         **numbers,
@@ -153,6 +158,9 @@ def _general_numbers(robot: Robot) -> dict[str, Any]:
     step, is_swimmer = robot.model.opt.timestep, robot.kind == "swimmer"
     period = _whole(_PERIOD if is_swimmer or robot.kind == "pendulum" else 0.01, step)
     planned = swing_time(robot) if robot.kind == "pendulum" else 2.0
+    if robot.box:
+        planned = 3.0 * float((robot.reach / (robot.gravity or 9.81)) ** 0.5)
+        period = _whole(planned / 50, step)
     swings = 0.75 * planned if _swings_up(robot) else 0.0  # a plan's end needs no feedback
     horizon = _whole(3.0 if is_swimmer else swings or planned, period)
     same = [] if _has_target(robot) else robot.cyclic_places()
@@ -253,7 +261,7 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
     """Returns what is measured and scored, by the sensors that are added."""
     model, data, legs, leg = robot.model, robot.data, bool(robot.feet), robot.leg
     axis, sign = robot.forward
-    reached, leans = _target_sensor(robot), _tilt_axes(robot)
+    reached, leans, boxes = _target_sensor(robot), _tilt_axes(robot), [*robot.box.items()]
     goes = legs or (bool(robot.base) and reached is None)
     own = data.geom_xpos[robot.in_tree(model.geom_bodyid)]
     length = float(f"{np.ptp(own, axis=0).max(initial=0.0):.1g}" if own.size else 0.0) or 0.1
@@ -301,13 +309,16 @@ def _cost_values(robot: Robot, numbers: dict[str, Any]) -> dict[str, Any]:
         "feet": feet,
         "steps": [*steps, *slips, *(f"{{{term}, weight: 5, when: still}}" for term in still)],
         "reached": reached,
-        "ways": _motion_axes(robot) if reached else [],
+        "ways": ([*robot.box] or _motion_axes(robot)) if reached else [],
         "pull": 4.0 / max(length, _target_distance(robot)) ** 2 if robot.base else 20,
+        "told": [f"{axis}: {_flow({'range': box[1:], 'unit': 'm'})}" for axis, box in boxes],
+        "places": [{"command": axis, "rest": box[0]} for axis, box in boxes],
+        "nearness": 16.0 / boxes[0][1][2] ** 2 if boxes else 0.0,
         "turned": None if (turned := _hinge_to_turn(robot)) is None else model.joint(turned).name,
         "balls": balls,
         "axes": [
-            f"{_flow(robot.new_sensor(f'{name}_axis'))}: {_flow(axis.sensor)}"
-            for name, axis in _upright_axes(robot).items()
+            f"{_flow(robot.new_sensor(f'{name}_axis'))}: {_flow(sensor)}"
+            for name, (sensor, _) in _upright_axes(robot).items()
         ],
         "added": goes or reached or balls or leans or bool(_upright_axes(robot)),
         "pose": [] if robot.base else [_flow(term) for term in _pose_terms(robot)],
@@ -321,6 +332,7 @@ def _first_motion_values(robot: Robot) -> dict[str, Any]:
     is_servo = controls is not None and set(controls.kinds) == {ControlKind.POSITION}
     path = robot.is_biped and not ((is_servo or controls is None) and _stands_held(robot))
     held = bool(robot.height) or (robot.kind in ("arm", "hand") and is_servo)
+    held |= bool(robot.box) and len(robot.motors) == robot.model.nu
     high = controls.limits[1] if controls else np.full(1, np.inf)
     share = 0.7 if robot.kind == "swimmer" else 0.2
     std = np.where(np.isfinite(high) & (high > 0), share * high, 1.0).tolist()
@@ -456,8 +468,11 @@ def _target(robot: Robot) -> tuple[str, str, Array] | None:
 def _target_sensor(robot: Robot) -> dict[str, Any] | None:
     """Returns the sensor of how far something is from the model's target, if it shall get there.
 
-    That is an object beside an arm, or else its tip; and a swimmer, where the target is near.
+    That is an object beside an arm, or else its tip; and a swimmer, where the target is near. Of an
+    arm that is commanded it is where its tip is.
     """
+    if robot.box:
+        return {"type": "framepos"} | _tip(robot)
     model, target, thing = robot.model, _target(robot), free_object_joint(robot)
     own = np.flatnonzero(robot.in_tree(model.geom_bodyid))
     if target is None or robot.kind not in ("arm", "hand", "swimmer") or not own.size:
@@ -469,14 +484,15 @@ def _target_sensor(robot: Robot) -> dict[str, Any] | None:
         seen = {"type": "framepos", target[0]: target[1], "relative_to": {"xbody": robot.name}}
         return seen if is_near else None  # in its own frame: where it has to turn
     if thing is None:
-        return {"type": "framepos"} | _tip(robot, int(own[-1])) | goal
+        return {"type": "framepos"} | _tip(robot) | goal
     is_turned, body = model.jnt_type[thing] == HINGE, model.body(model.jnt_bodyid[thing]).name
     return None if is_turned else {"type": "framepos", "xbody": body} | goal
 
 
-def _tip(robot: Robot, geom: int) -> dict[str, str]:
+def _tip(robot: Robot) -> dict[str, str]:
     """Returns the point of the last link that is farthest from its start: a site, or its geom."""
     model, data = robot.model, robot.data
+    geom = int(np.flatnonzero(robot.in_tree(model.geom_bodyid))[-1])
     body = model.geom_bodyid[geom]
     sites = np.flatnonzero(model.site_bodyid == body)
     ways = np.linalg.norm(data.site_xpos[sites] - data.xpos[body], axis=1)
@@ -485,13 +501,64 @@ def _tip(robot: Robot, geom: int) -> dict[str, str]:
     return {"geom": model.geom(geom).name}
 
 
+def _set_box(robot: Robot) -> None:
+    """Sets the box in which an arm's tip follows commands, and starts the arm in its middle.
+
+    That is where the model starts or, as of a straight arm, where its joints are bent; they keep to
+    the inner two thirds of their ranges, and no more touches. An arm that is for something else has
+    no box, nor one whose own motors cannot bring the tip to all its corners.
+    """
+    from scipy.optimize import least_squares  # which is slow to load
+
+    model, data = robot.model, copy(robot.data)
+    is_for_more = _target(robot) or free_object_joint(robot) is not None or loops_of(model)
+    if robot.kind != "arm" or is_for_more or not robot.in_tree(model.geom_bodyid).any():
+        return
+    kind, name = next(iter(_tip(robot).items()))
+    tip, links = getattr(data, kind)(name), robot.chain(getattr(model, kind)(name).bodyid[0])
+    joints = [j for j in robot.joints if model.jnt_bodyid[j] in links]
+    if not joints or not {*model.jnt_dofadr[joints].tolist()} <= robot.driven:
+        return
+    points, at = [*data.xanchor[joints], tip.xpos], model.jnt_qposadr[joints]
+    robot.reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+    low, high = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], [-9, 9]).T
+
+    def way(positions: Array, place: Array | float) -> Array:
+        """Returns the way from a place to the tip [m]."""
+        data.qpos[at] = positions
+        mujoco.mj_kinematics(model, data)
+        return tip.xpos - place
+
+    inner = np.quantile([low, high], [1 / 6, 5 / 6], axis=0)
+    bends = (robot.goal - data.qpos)[at] * np.array([[0], [1], [-1], [2], [-2], [3], [-3]])
+    poses = np.clip(data.qpos[at] + bends, *inner)
+    moved = np.ptp([way(pose, 0.0) for pose in poses], axis=0) > 1e-6
+    for share, pose in product(_BOXES, poses):
+        half, middle = float(f"{share * robot.reach:.2g}"), way(pose, 0.0)
+        mujoco.mj_forward(model, data)
+        if data.ncon > robot.data.ncon:
+            continue
+        corners = [middle + half * moved * signs for signs in product((-1, 1), repeat=3)]
+        fits = [least_squares(way, pose, bounds=(low, high), args=(c,)) for c in corners]
+        if np.abs([fit.fun for fit in fits]).max() < 0.02 * robot.reach:
+            robot.box = {"xyz"[i]: [middle[i], -half, half] for i in np.flatnonzero(moved)}
+            data.qpos[at] = pose
+            mujoco.mj_forward(model, data)
+            robot.data, robot.goal, robot.strengths = data, data.qpos.copy(), robot.strengths or {}
+            return
+
+
 def _has_target(robot: Robot) -> bool:
     """Returns whether it swims to a target, from wherever it is."""
     return bool(robot.base) and _target_sensor(robot) is not None
 
 
 def _start_spread(robot: Robot) -> dict[str, Any]:
-    """Returns how the starts differ from which a swimmer learns to turn to its target."""
+    """Returns how the starts differ from which a swimmer or an arm learns to get to its target."""
+    if robot.box:
+        slides = [robot.model.joint(j).name for j in robot.joints if j not in robot.hinges]
+        still = {"overrides": {f"{name}/position": 0.01 for name in slides}} if slides else {}
+        return {"position": 0.4, "velocity": 0.3} | still
     spread, half = dict[str, float](), _target_distance(robot) / 2
     for name, kind in ((robot.model.joint(j).name, robot.model.jnt_type[j]) for j in robot.base):
         if robot.is_free:
@@ -563,24 +630,10 @@ def _endless_hinges(robot: Robot) -> list[int]:
     return [j for j in robot.hinges if is_one and not robot.model.jnt_limited[j]]
 
 
-@dataclass(frozen=True)
-class _Axis:
-    """An axis of a link that shall point somewhere in the world.
+def _upright_axes(robot: Robot) -> dict[str, tuple[dict[str, Any], dict[str, Any]]]:
+    """Returns what of a pendulum's links shall stand, by the hinge of each: sensor and cost.
 
-    Attributes:
-        sensor: the sensor's type and body.
-        target: where it points at the goal.
-        weight: the link's share of what is lifted.
-    """
-
-    sensor: dict[str, Any]
-    target: list[float]
-    weight: float
-
-
-def _upright_axes(robot: Robot) -> dict[str, _Axis]:
-    """Returns what of a pendulum's links shall stand, by the hinge of each.
-
+    The sensor is of an axis of the link, and the cost's weight its share of what is lifted.
     A link's direction in the world counts, not the angle of its hinge: so a link at the end of
     others may swing as they need it, and each counts as much as gravity does about its hinge.
     """
@@ -606,10 +659,9 @@ def _upright_axes(robot: Robot) -> dict[str, _Axis]:
             found[j] = ("xyz"[i], axes[i].round(3), size)
     total = sum((size for *_, size in found.values()), 0.0)
     return {
-        model.joint(j).name: _Axis(
+        model.joint(j).name: (
             {"type": f"frame{axis}axis", "xbody": model.body(model.jnt_bodyid[j]).name},
-            target.tolist(),
-            float(f"{size / total:.3f}"),
+            {"target": target.tolist(), "weight": float(f"{size / total:.3f}")},
         )
         for j, (axis, target, size) in found.items()
     }
@@ -626,9 +678,8 @@ def _pose_terms(robot: Robot) -> list[dict[str, Any]]:
     turns = (HINGE,) if robot.kind != "hand" else (HINGE, FREE, BALL)
     is_turned = thing is not None and model.jnt_type[thing] in turns and not has_target
     turning, upright = _endless_hinges(robot), _upright_axes(robot)
-    for name, axis in upright.items():
-        stands = {"sensor": robot.new_sensor(f"{name}_axis"), "target": axis.target}
-        terms.append(stands | {"weight": axis.weight})
+    for name, (_, stands) in upright.items():
+        terms.append({"sensor": robot.new_sensor(f"{name}_axis")} | stands)
     for j in robot.joints:
         name, goal = model.joint(j).name, robot.goal[model.jnt_qposadr[j]]
         if j in turning:
@@ -667,7 +718,8 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
     elif robot.kind == "pendulum" and weak_motors(robot):  # which must use all their force
         strong = 0.2
     if not model.nu:
-        stiff = {"pose": "start", "weight": strong} if robot.feet else {"weight": strong / 400}
+        is_held = robot.feet or robot.box
+        stiff = {"pose": "start", "weight": strong} if is_held else {"weight": strong / 400}
         return [{"control": "all"} | stiff]
     controls, groups = controls_of(model), dict[tuple[bool, str], list[str]]()
     there = mujoco.MjData(model)
@@ -679,7 +731,7 @@ def _control_terms(robot: Robot) -> list[dict[str, Any]]:
         is_servo = kind is ControlKind.POSITION
         limit = high if np.isfinite(high) and high > 0 else 10.0
         if is_servo:
-            limit = max(_working_reach(robot, controls, i), ways[i])
+            limit = max(_working_reach(robot, controls, i), ways[i], bool(robot.box))
             if not robot.feet:  # whose servos may weigh little, and get near their goal at once
                 limit = min(limit, np.ptp(controls.limits, axis=0)[i] / 2)
         weight = f"{strong / limit**2 / _lag_gains(robot)[i]:.2g}"
@@ -736,10 +788,11 @@ def _observations(robot: Robot) -> list[Any]:
         entries += [*(f"{joint}/{rate}" for rate in ("z", "vx", "vy", "vz")), *_rates(joint)]
     for name in _balls(robot):
         entries += [robot.new_sensor(name + "_turn"), *_rates(name)]
-    entries += [robot.new_sensor("to_target")] if _target_sensor(robot) else []
+    seen = "tip" if robot.box else "to_target"
+    entries += [robot.new_sensor(seen)] if _target_sensor(robot) else []
     lagging = (model.actuator(int(i)).name for i in np.flatnonzero(model.actuator_actnum == 1))
     entries += [f"{name}/activation" for name in lagging]
-    entries += ["commands", "clock"] if robot.feet else []
+    entries += ["commands", "clock"] if robot.feet else ["commands"] if robot.box else []
     return entries
 
 

@@ -40,6 +40,8 @@ class Robot:
     height: float = 0.0  # of the root above the ground [m]; 0 if it cannot rise or fall
     forward: tuple[str, float] = ("x", 1.0)  # the axis along which it goes, and in which direction
     goal: Array = field(default_factory=lambda: np.empty(0))  # qpos
+    box: dict[str, list[float]] = field(default_factory=dict)  # of its tip: middle, ends [m]
+    reach: float = 0.0  # the length of an arm [m]
     strengths: dict[str, float] | None = None  # of joints whose actuators servos replace [N·m]
 
     @property

@@ -14,13 +14,7 @@ from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.optimizer_settings import DdpSettings
-from vgps_ros.core.records import (
-    Array,
-    ControlBounds,
-    CostExpansion,
-    LinearDynamics,
-    Trajectory,
-)
+from vgps_ros.core.records import Array, ControlBounds, CostExpansion, LinearDynamics, Trajectory
 
 
 @dataclass(frozen=True)
@@ -78,10 +72,7 @@ class Problem:
         )
 
     def around(
-        self,
-        trajectory: Trajectory,
-        known: LinearDynamics | None = None,
-        gaps: Array | None = None,
+        self, trajectory: Trajectory, known: LinearDynamics | None = None, gaps: Array | None = None
     ) -> Iterate:
         """Expands dynamics and cost around a trajectory, whose f_x, f_u may be known already.
 

@@ -116,11 +116,7 @@ def mean_trajectory(space: StateSpace, states: Array, controls: Array) -> Trajec
 
 
 def fitted_dynamics(
-    space: StateSpace,
-    states: Array,
-    controls: Array,
-    prior: Mixture,
-    origin: Array,
+    space: StateSpace, states: Array, controls: Array, prior: Mixture, origin: Array
 ) -> tuple[LinearDynamics, Array]:
     """Returns f_x, f_u around the rollouts' mean, and the standard deviations of F, (T, n_dx).
 
