@@ -508,8 +508,6 @@ def _set_box(robot: Robot) -> None:
     the inner two thirds of their ranges, and no more touches. An arm that is for something else has
     no box, nor one whose own motors cannot bring the tip to all its corners.
     """
-    from scipy.optimize import least_squares  # which is slow to load
-
     model, data = robot.model, copy(robot.data)
     is_for_more = _target(robot) or free_object_joint(robot) is not None or loops_of(model)
     if robot.kind != "arm" or is_for_more or not robot.in_tree(model.geom_bodyid).any():
@@ -519,6 +517,8 @@ def _set_box(robot: Robot) -> None:
     joints = [j for j in robot.joints if model.jnt_bodyid[j] in links]
     if not joints or not {*model.jnt_dofadr[joints].tolist()} <= robot.driven:
         return
+    from scipy.optimize import least_squares  # which is slow to load
+
     points, at = [*data.xanchor[joints], tip.xpos], model.jnt_qposadr[joints]
     robot.reach = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     low, high = np.where(model.jnt_limited[joints, None], model.jnt_range[joints], [-9, 9]).T

@@ -13,13 +13,7 @@ from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.dynamics import DynamicsModel
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
-from vgps_ros.core.records import (
-    Array,
-    ControlBounds,
-    CostExpansion,
-    LinearDynamics,
-    Trajectory,
-)
+from vgps_ros.core.records import Array, ControlBounds, CostExpansion, LinearDynamics, Trajectory
 
 _STEP_SIZES = tuple(0.5**i for i in range(8))  # tried in order, before μ grows
 _ACCEPTANCE = 0.1  # least share of the expected cost reduction that a step must bring
@@ -80,10 +74,7 @@ class Problem:
         )
 
     def around(
-        self,
-        trajectory: Trajectory,
-        known: LinearDynamics | None = None,
-        gaps: Array | None = None,
+        self, trajectory: Trajectory, known: LinearDynamics | None = None, gaps: Array | None = None
     ) -> Iterate:
         """Expands dynamics and cost around a trajectory, whose f_x, f_u may be known already.
 
