@@ -74,7 +74,7 @@ source scripts/find_tools.bash
 ros=wheels
 if [[ -n ${ROS_VERSION:-} ]]; then # env.bash, which may be sourced here, sets ROS_DISTRO only
   [[ ${ROS_DISTRO:-} == jazzy ]] ||
-    fail "ROS 2 '${ROS_DISTRO:-}' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none."
+    fail "ROS 2 '${ROS_DISTRO:-}' is sourced in this shell, but vgps_ros is made for 'jazzy': source that one, or open a shell with none, where its wheels are taken."
   ros=system
 elif [[ -f $venv/ros_setup && -f $(<"$venv/ros_setup") ]]; then
   ros=system
