@@ -392,7 +392,7 @@ def test_weights_that_leave_the_noise_to_the_limits_are_named(folder, capsys):
 
 
 def test_the_first_motion_is_made_once(folder, capsys):
-    begin = "begin: {law: sampling, samples: 4, iterations: 1}\ncost:"
+    begin = "begin: {law: sampling, samples: 4}\ncost:"
     check(folder, capsys, ("cost:", begin))
     assert capsys.readouterr().err.count("Samples a first motion") <= 1
 

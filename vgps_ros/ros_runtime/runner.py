@@ -68,7 +68,7 @@ def run(*runnables: Runnable[Any]) -> int:
         import_module("vgps_ros.simulation.warnings").silence_mujoco()
     _on_signals(_interrupt_once)
     _initialise(sys.argv)
-    gc.freeze()  # what is imported by now takes no time at the end
+    gc.freeze()  # what is imported by now is not searched for garbage
     executors = {make: make() for make in dict.fromkeys(r.make_executor for r in runnables)}
     nodes: list[Node] = []
     code = 0
@@ -87,9 +87,12 @@ def run(*runnables: Runnable[Any]) -> int:
     rclpy.try_shutdown()  # ends what still waits
     while executors:
         executors.popitem()[1].shutdown()
+    has_failed = code or len(nodes) < len(runnables)
     while nodes:
         nodes.pop().destroy_node()
-    gc.collect()  # a node whose constructor failed leaves the graph, too
+    if has_failed:
+        gc.collect()  # a node whose code failed leaves the graph, too
+    gc.freeze()  # what the nodes imported and made takes no time at the end, either
     return code
 
 
