@@ -85,7 +85,7 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
         "stops",
     )
     times = file.horizon, file.lookahead  # each of whole control periods
-    steps = [math.ceil(time / file.control_period - 1e-6) for time in times]
+    steps = [math.ceil(time / file.control_period * (1.0 - 1e-9)) for time in times]
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context)
     with at_entry("start"):

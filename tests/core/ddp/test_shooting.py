@@ -32,14 +32,14 @@ def guess(rng):
 def first_steps(lq_problem, guess):
     """Returns a function that tries steps from a guess, and the gaps before them."""
 
-    def run(cost=lambda problem: problem, **settings):
+    def run(cost=lambda problem: problem):
         problem = lq_problem()
         initial = guess(problem)
         gaps = problem.gaps(initial)
         whole = Problem(problem, cost(problem))
         around = whole.around(initial, gaps=gaps)
         policy = whole.local_policy(around, 0.0)
-        tried = forward_pass(whole, around, policy, dataclasses.replace(PLAIN, **settings))
+        tried = forward_pass(whole, around, policy)
         return problem, around, tried
 
     return run
@@ -118,7 +118,7 @@ def test_what_a_shorter_step_leaves_of_gaps_is_closed_by_feedback_where_that_is_
     gaps, whole = problem.gaps(initial), Problem(problem, Steeper(problem))
     around = whole.around(initial, gaps=gaps)
     policy = whole.local_policy(around, 0.0)
-    *rejected, beside, taken = forward_pass(whole, around, policy, PLAIN)
+    *rejected, beside, taken = forward_pass(whole, around, policy)
     assert not any(step.is_accepted for step in rejected)
     # The closed one is the result, or beside it.
     closed, left = (taken, beside) if is_closed else (beside, taken)

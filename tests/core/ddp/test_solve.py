@@ -203,8 +203,9 @@ def test_concave_cost_is_an_error_with_advice(lq_problem):
 
 def test_quu_that_stays_indefinite_ends_by_its_name(lq_problem):
     problem = lq_problem()
-    concave = dataclasses.replace(problem, hessians=-problem.hessians)
-    settings = DdpSettings(initial_regularization=1e10, distribution_regularization=1e8)
+    # No regularisation that a solve tries is as large as this curvature, but that of q is.
+    concave = dataclasses.replace(problem, hessians=-1e14 * problem.hessians)
+    settings = DdpSettings(distribution_regularization=1e30)
     solution = solve(concave, concave, concave.at_rest(), settings, 5)
     assert solution.status is Status.INDEFINITE_QUU
     assert_array_equal(solution.trajectory.controls, 0.0)
