@@ -106,6 +106,22 @@ PUBLISHED = """
 """
 
 
+def test_a_yaml_file_of_metadata_takes_lists_and_the_texts_that_an_onnx_file_has(tmp_path):
+    listed = "observation_names: [joint_pos, phase_cos]\nphase_frequency: [1.25, 1.75, 1.5]\n"
+    as_text = "observation_names: joint_pos,phase_cos\nphase_frequency: 1.25,1.75,1.5\n"
+    found = [
+        read_contract(written(tmp_path, text), JOINTS, [0.0] * 4) for text in (listed, as_text)
+    ]
+    assert (
+        found[0]
+        == found[1]
+        == {
+            "observation_names": "joint_pos,phase_cos",
+            "phase_frequency": "1.25,1.75,1.5",
+        }
+    )
+
+
 def test_a_published_config_yaml_has_keys_beside_those_that_count(tmp_path):
     """As all that rl_sar publishes; base.yaml may be a folder further up."""
     text, base = RL_SAR.rstrip() + PUBLISHED, "biped: {dt: 0.005, decimation: 4}"

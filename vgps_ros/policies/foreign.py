@@ -315,13 +315,10 @@ def _to_metadata_text(content: Mapping[str, Any]) -> dict[str, str]:
     """Returns values as texts: lists with commas, and within them with semicolons."""
     found = {}
     for key, value in content.items():
-        rows = [row if isinstance(row, list | tuple) else [row] for row in _rows(value)]
+        values = value if isinstance(value, list) else str(value).split(",")
+        rows = [row if isinstance(row, list | tuple) else [row] for row in values]
         found[str(key)] = with_commas([";".join(map(str, row)) for row in rows])
     return found
-
-
-def _rows(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else [value]
 
 
 def _known(name: str, terms: Mapping[str, Any]) -> Any:
