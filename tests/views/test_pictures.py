@@ -217,16 +217,23 @@ def test_a_moving_picture_has_a_frame_for_each_25th_of_a_second(run, tmp_path):
 
 @needs_egl
 def test_a_robot_whose_shapes_are_missing_is_drawn_by_its_masses():
-    """As one whose meshes were left out: in the middle of the picture there is something red."""
+    """As one whose meshes were left out: in the middle of the picture there is something red.
+
+    A link that is only a frame, of no weight and wide moments of inertia, does not hide it.
+    """
     body = '<body pos="0 0 1"><freejoint/>{}</body>'
-    bare = '<inertial pos="0 0 0" mass="1" diaginertia=".02 .02 .02"/>'
+    inertial = '<inertial pos="0 0 0" mass="{0}" diaginertia="{1} {1} {1}"/>'
+    bare = inertial.format(1, 0.02) + f"<body>{inertial.format(1e-6, 1e-5)}</body>"
     state = np.eye(1, 13, 3)
     shown = (
         next(frames(f"<mujoco><worldbody>{body.format(of)}</worldbody></mujoco>", state, 60, 80))
         for of in (bare, '<geom type="box" size=".2 .2 .2"/>')
     )
+    shown = list(shown)
     (red, green, _), (grey, other, _) = (picture[25:35, 35:45].mean((0, 1)) for picture in shown)
     assert red > green + 50
+    red, green, _ = shown[0][:5, :5].mean((0, 1))
+    assert red < green + 20
     assert abs(grey - other) < 20
 
 

@@ -67,7 +67,9 @@ def frames(mjcf: str, states: NDArray, height: int, width: int) -> Iterator[NDAr
     with renderer:
         _show_all(model)
         shape, camera, option = RobotShape(model), mujoco.MjvCamera(), mujoco.MjvOption()
-        bare = model.body_geomnum[model.body_mass > 0] == 0  # as of a robot without its meshes
+        frames = model.body_mass < 1e-4 * model.body_mass.sum()  # links that are only frames
+        model.body_inertia[frames] = 0.0  # whose box would hide all others
+        bare = model.body_geomnum[~frames] == 0  # as of a robot without its meshes
         option.flags[mujoco.mjtVisFlag.mjVIS_INERTIA] = 2 * bare.sum() > bare.size
         camera.azimuth, camera.elevation = 90, -89 if shape.plane == (0, 1) else -8
         half_view = np.tan(np.deg2rad(model.vis.global_.fovy) / 2)
