@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from datetime import date
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -37,15 +38,16 @@ def train(task: Path, seed: int) -> dict[str, Any]:
     """Trains one seed and returns how it obeys, with the minutes that this took."""
     run, judged = task / f"run-{seed}", task / f"judged-{seed}.json"
     taken = task / f"minutes-{seed}"
-    if not judged.exists():
+    if not taken.exists():  # it is written once the training has ended
         began = time.monotonic()
         vgps("train", "--task", str(task), "--seed", str(seed), "--output", str(run))
         taken.write_text(str((time.monotonic() - began) / 60))
+    if not judged.exists():
         vgps("evaluate", str(run), *JUDGED, "--json", str(judged))
     result = json.loads(judged.read_text())
     held, changing = result["all_commands"], result["changing"]
     survival = result["robustness"]["pushes"]["survival"]
-    borne = [push for push, share in zip(PUSHES, survival, strict=True) if share == 1.0]
+    borne = takewhile(lambda push: survival[PUSHES.index(push)] == 1.0, PUSHES)
     return {
         "up": held["survival"][-1],
         "obeys": held["obeys"][-1],
