@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> None:
     try:
         path.write_text(
             f"# {arguments.task} with the times of {name}, written by `vgps import`.\n"
-            + yaml.safe_dump(_timed(said, task, *times), sort_keys=False, default_flow_style=None)
+            + yaml.safe_dump(_retime(said, task, *times), sort_keys=False, default_flow_style=None)
         )
         for table, copied in tables.items():
             shutil.copy(table, copied)
@@ -116,17 +116,17 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"Give {path} as the task from here on: it is {arguments.task} with the policy's times.")
 
 
-def _timed(said: dict[str, Any], task: "Task", period: float, turn: float) -> dict[str, Any]:
+def _retime(said: dict[str, Any], task: "Task", period: float, turn: float) -> dict[str, Any]:
     """Returns what a task file says, with another control period and turn of the clock [s].
 
     The time step stays as near as six digits can write it.
     """
     ratio = min(period / task.dynamics.model.opt.timestep, 1000.0)
 
-    def strangeness(steps: int) -> tuple[bool, float]:
+    def rank(steps: int) -> tuple[bool, float]:
         return abs(float(f"{period / steps:g}") * steps / period - 1.0) > 1e-9, abs(steps - ratio)
 
-    steps = min(range(max(1, round(0.75 * ratio)), 2 + round(1.5 * ratio)), key=strangeness)
+    steps = min(range(max(1, round(0.75 * ratio)), 2 + round(1.5 * ratio)), key=rank)
     option = said.get("changes", {}).get("option", {}) | {"timestep": period / steps}
     said |= {"control_period": period, "changes": said.get("changes", {}) | {"option": option}}
     return said | ({"clock": said.get("clock", {}) | {"frequency": 1.0 / turn}} if turn else {})
