@@ -22,6 +22,9 @@ them next to the point, and the new velocity is linear in a, so that
 and new positions follow from new velocities. MuJoCo knows the derivatives of smooth forces by
 velocities; those of the constraints' forces are differences of the forces alone.
 
+Where a robot's forces have derivatives by positions in closed form, too, as those of most legged
+robots do, a step needs none of this: see `compiled_closed_form`.
+
 Where a contact is about to open, close or slip, r has a kink at a_0 itself. The columns of ∂r/∂a
 are then those of different contacts, and their inverse means nothing; since ∂r/∂a is symmetric away
 from kinks, this is seen, and the neighbours of such a point are stepped in full.
@@ -36,6 +39,12 @@ from numpy.typing import NDArray
 from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import mujoco_functions as mj
+from vgps_ros.simulation.compiled_closed_form import (
+    find_moves,
+    integrate,
+    put_moves,
+    turn,
+)
 from vgps_ros.simulation.compiled_states import (
     NEVER,
     copy,
@@ -85,7 +94,9 @@ class Balance(NamedTuple):
 
 
 @compile_at_first_call
-def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
+def differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
+    sim, mechanism, work, columns, eps, kink, first, states, controls, f_x, f_u
+):
     """Writes f_x, f_u at N steps from the first on, by the chain rule over their simulator steps.
 
     Takes differences of width eps along the `columns` of (δx, u), of which positions alone are left
@@ -114,12 +125,16 @@ def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  
         for substep in range(sim.substeps):
             _step(sim, z, warm, _NOTHING, after)
             copy(sim.warmstart, warm)  # the constraint forces at the neighbours are close to these
-            if sim.structure.may_predict and not push_acts:
-                _find_balance(sim, balance)
-            else:  # the balance of forces above has no push
-                balance.is_smooth[0] = False
             known = 0  # columns at the front that need no differences of steps
-            if sim.structure.knows_velocities and balance.is_smooth[0]:
+            may_predict = sim.structure.may_predict and not push_acts  # no balance has a push
+            if may_predict and mechanism.is_known and find_moves(sim, mechanism, z, after, work):
+                put_moves(sim, mechanism, after, work, columns[n_dx + n_u - n_v :], a, b)
+                known = len(columns)
+            elif may_predict:
+                _find_balance(sim, balance)
+            else:
+                balance.is_smooth[0] = False
+            if known == 0 and sim.structure.knows_velocities and balance.is_smooth[0]:
                 known = n_dx + n_u - n_v
                 _differentiate_forces(sim, balance, z, after, rates, moves, a, b)
                 _put_rates(sim, after, rates @ (balance.inverse_hessian @ moves), a, b)
@@ -197,17 +212,8 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
     for i in range(len(residual)):
         sim.qfrc_smooth[i] = sim.qfrc_passive[i] + sim.qfrc_actuator[i] - sim.qfrc_bias[i]
         sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i] - balance.residual[i]
-    _integrate(sim, np.int32(skip >= _OF_POSITIONS))
+    integrate(sim, np.int32(skip >= _OF_POSITIONS))
     get_state(sim, after)
-
-
-@compiled_part
-def _integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Advances the state by the accelerations and forces that the simulation holds."""
-    if sim.structure.is_implicit:
-        mj.mj_implicit_skip(sim.model, sim.data, keeps_system)
-    else:
-        mj.mj_euler_skip(sim.model, sim.data, keeps_system)
 
 
 @compiled_part
@@ -281,7 +287,7 @@ def _differentiate_forces(sim, balance, z, after, rates, moves, a, b):  # type: 
         for i in range(n_v):
             moves[i, j] = (sim.qfrc_actuator[i] - before[i]) / width
         if n_a:
-            _integrate(sim, _KEPT)
+            integrate(sim, _KEPT)
             for i in range(n_a):
                 change = (sim.act[i] - after[n_q + n_v + i]) / width
                 if u < 0:
@@ -297,7 +303,7 @@ def _differentiate_forces(sim, balance, z, after, rates, moves, a, b):  # type: 
             sim.qacc[i] = 1.0 if i == j else 0.0
             sim.qfrc_smooth[i] = 0.0
             sim.qfrc_constraint[i] = balance.mass[i, j]
-        _integrate(sim, _KEPT)
+        integrate(sim, _KEPT)
         for i in range(n_v):
             rates[i, j] = sim.qvel[i] - z[n_q + i]
 
@@ -310,37 +316,12 @@ def _put_rates(sim, after, moves, a, b):  # type: ignore[no-untyped-def]  # prag
         moves[j, j] += 1.0
     for first in (n_v, 0):  # rows of velocities, then those of positions
         if first == 0:
-            _turn(sim, after, moves)
+            turn(sim, after, moves)
         for i in range(n_v):
             for j in range(n_v + n_a):
                 a[first + i, n_v + j] = moves[i, j]
             for j in range(n_u):
                 b[first + i, j] = moves[i, n_v + n_a + j]
-
-
-@compiled_part
-def _turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Turns derivatives of new velocities, (n_v, n), into those of the positions they lead to.
-
-    A quaternion q' = q exp(h ω') moves by δ = h J(h ω') δω', with the right Jacobian of SO(3),
-    J(θ) = 1 − c [θ]ₓ + s [θ]ₓ², c = (1 − cos|θ|)/|θ|², s = (|θ| − sin|θ|)/|θ|³.
-    """
-    h, n_q = sim.structure.time_step, len(sim.qpos)
-    for i in range(len(rows)):
-        for j in range(rows.shape[1]):
-            rows[i, j] *= h
-    for first in sim.structure.quaternions:
-        x, y, w = h * after[n_q + first], h * after[n_q + first + 1], h * after[n_q + first + 2]
-        angle = np.sqrt(x * x + y * y + w * w)
-        c, s = 0.5, 1.0 / 6.0
-        if angle > 1e-4:
-            c, s = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-        for j in range(rows.shape[1]):
-            p, q, r = rows[first, j], rows[first + 1, j], rows[first + 2, j]
-            u, v, t = y * r - w * q, w * p - x * r, x * q - y * p  # θ × δ
-            rows[first, j] += s * (y * t - w * v) - c * u
-            rows[first + 1, j] += s * (w * u - x * t) - c * v
-            rows[first + 2, j] += s * (x * v - y * u) - c * t
 
 
 @compiled_part

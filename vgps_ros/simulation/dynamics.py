@@ -5,7 +5,7 @@ A control is held for a number of simulator steps:
 
     x_{t+1} = f(x_t, u_t),    x = (qpos, qvel, act),
 
-with f_x, f_u from finite differences on the tangent space (`core.dynamics`).
+with f_x, f_u on the tangent space (`core.dynamics`), in closed form or from finite differences.
 """
 
 from collections import Counter
@@ -28,6 +28,8 @@ from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajecto
 from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.robot.unrest import Unrest
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
+from vgps_ros.simulation.compiled_closed_form import Tangents, tangents
+from vgps_ros.simulation.compiled_mechanism import mechanism_of
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import AppliedForce
@@ -95,6 +97,7 @@ class Simulations:
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:
             self._idle.put(_compiled_simulation(model, data, substeps, push))
+        self.mechanisms = {d._address: mechanism_of(model, d) for d in self._data}
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
 
     def warnings(self) -> Counter[str]:
@@ -417,12 +420,18 @@ class Dynamics:
         )
         return states, controls
 
+    def _memory(self) -> Tangents:
+        """Returns memory for derivatives in closed form."""
+        model = self.model
+        return tangents(model.nv, model.nbody, model.na, model.nu)
+
     def linearize(
         self, trajectory: Trajectory, *, centred: bool = False
     ) -> tuple[LinearDynamics, int]:
-        """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps.
+        """Returns f_x, f_u along a trajectory, and their simulator steps.
 
-        All differences are centred if that is asked for; otherwise few are, where it matters.
+        What has no closed form is a finite difference. All of them are centred if that is asked
+        for; otherwise few are, where it matters.
         """
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
@@ -430,7 +439,8 @@ class Dynamics:
         steps = self.simulations.in_threads(
             horizon,
             lambda sim, part: compiled_derivatives.differentiate(
-                *(sim, self._columns, self.eps, np.inf if centred else self._kink),
+                *(sim, self.simulations.mechanisms[sim.data], self._memory()),
+                *(self._columns, self.eps, np.inf if centred else self._kink),
                 *(part.start, states[part], controls[part], f_x[part], f_u[part]),
             ),
         )

@@ -120,3 +120,21 @@ def mj_euler_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
 def mj_implicit_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
     """Does the same implicitly in velocity."""
     return types.void(types.intp, types.intp, types.int32), _CALL_IMPLICIT_SKIP
+
+
+def _loader(kind: ir.Type, result: types.Type) -> Callable[..., Any]:
+    """Returns what reads a number of some type from the i-th place behind an address."""
+
+    def write(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        address, i = arguments
+        return builder.load(builder.gep(builder.inttoptr(address, kind.as_pointer()), [i]))
+
+    def function(_, address, i):  # type: ignore[no-untyped-def]
+        return result(types.intp, types.intp), write
+
+    return _intrinsic(function)
+
+
+double_at = _loader(ir.DoubleType(), types.float64)
+int32_at = _loader(ir.IntType(32), types.int32)
+address_at = _loader(ir.IntType(64), types.intp)
