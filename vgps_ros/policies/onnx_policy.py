@@ -185,11 +185,7 @@ class OnnxPolicy:
         return found
 
     def _opened(self) -> tuple[Any, Any, Any]:
-        """Returns a session of onnxruntime, its input and its output.
-
-        Raises:
-            InvalidInputError: onnxruntime refuses the model, or its input does not fit.
-        """
+        """Returns a session of onnxruntime, its input and its output."""
         name, count = self._name, len(self.contract.places)
         try:
             session = _session(self.content)

@@ -172,9 +172,6 @@ class Instructions:
         """Refuses a command that was sent long ago, as a link that was down may bring many at once.
 
         A stamp of another clock tells nothing, such as one of simulated time, or zero.
-
-        Raises:
-            InvalidInputError: it is too old.
         """
         if not hasattr(message, "header"):
             return

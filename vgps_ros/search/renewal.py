@@ -132,27 +132,16 @@ def renew(
 
 @dataclass(frozen=True)
 class _Begun:
-    """A new situation.
+    """A new situation."""
 
-    Attributes:
-        situation: the situation.
-        commands: the commands with which it begins, shape (n_c,).
-        phase: the clock's φ at its start, in turns.
-        signals: of its context; after a push the clock turns also at rest.
-    """
-
-    situation: Situation
-    commands: Array
-    phase: float
-    signals: Signals
+    situation: Situation  # the situation
+    commands: Array  # the commands with which it begins, shape (n_c,)
+    phase: float  # the clock's φ at its start, in turns
+    signals: Signals  # of its context; after a push the clock turns also at rest
 
 
 def _new_situation(
-    work: Workspace,
-    solutions: Sequence[OptimizationResult],
-    policy: GaussianPolicy,
-    k: int,
-    i: int,
+    work: Workspace, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int, i: int
 ) -> _Begun:
     """Returns a situation that begins where a motion of the policy goes.
 
@@ -283,10 +272,7 @@ def _back_home(task: Task, state: Array) -> Array:
 
 
 def _first_motion(
-    work: Workspace,
-    begun: _Begun,
-    policy: GaussianPolicy,
-    solutions: Sequence[OptimizationResult],
+    work: Workspace, begun: _Begun, policy: GaussianPolicy, solutions: Sequence[OptimizationResult]
 ) -> Trajectory:
     """Returns the motion from which a new situation's solve starts."""
     task, situation, signals = work.task, begun.situation, begun.signals

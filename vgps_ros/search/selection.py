@@ -23,13 +23,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.calibration import calibrate
-from vgps_ros.search.judgement import (
-    SELECTION,
-    Achieved,
-    Trial,
-    changing_commands,
-    first_phases,
-)
+from vgps_ros.search.judgement import SELECTION, Achieved, Trial, changing_commands, first_phases
 from vgps_ros.search.renewal import drawn_push
 from vgps_ros.search.robustness import behaviours
 from vgps_ros.search.settings import SearchSettings

@@ -19,14 +19,7 @@ from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import Problem
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
-from vgps_ros.core.ddp.solve import (
-    COST_TOLERANCE,
-    Iteration,
-    Solution,
-    Status,
-    centre_of_q,
-    solve,
-)
+from vgps_ros.core.ddp.solve import COST_TOLERANCE, Iteration, Solution, Status, centre_of_q, solve
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings

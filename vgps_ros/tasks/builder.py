@@ -51,13 +51,7 @@ from vgps_ros.tasks.schema import (
     TaskFile,
 )
 from vgps_ros.tasks.task import Task
-from vgps_ros.tasks.task_file import (
-    Document,
-    find_model,
-    is_multiple,
-    read_task_file,
-    settings_in,
-)
+from vgps_ros.tasks.task_file import Document, find_model, is_multiple, read_task_file, settings_in
 
 
 def load_task(path: Path, name: str) -> Task:
@@ -72,7 +66,7 @@ def load_task(path: Path, name: str) -> Task:
 
 
 def _build(file: TaskFile, document: Document, name: str) -> Task:
-    mjcf = model_text(file, document)
+    mjcf = _model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
     model = compile_model(mjcf, is_tried=True)
     with at_entry("model"):
@@ -89,7 +83,7 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
     context = signals.held(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context)
     with at_entry("start"):
-        start = start_state(file.start, model)
+        start = _start_state(file.start, model)
     cost, observation = _cost(file, read, start), read.observation(file, start)
     optimizer, search = settings_in(file, document)
     task = Task(
@@ -439,15 +433,11 @@ def _join_columns(columns: Iterable[Array], steps: int) -> Array:
     return values[0] if (values == values[0]).all() else values
 
 
-def model_text(task: TaskFile, document: Document) -> str:
+def _model_text(task: TaskFile, document: Document) -> str:
     """Returns the model with its changes and sensors as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
     orientation of its inertias in the last bits. Another process makes it, but of a built-in task.
-
-    Raises:
-        InvalidInputError: the model does not compile or asks for too much, or a change names what
-            it lacks.
     """
     path, changes = find_model(task.model, document.folder), msgspec.to_builtins(task.changes)
 
@@ -470,12 +460,8 @@ def model_text(task: TaskFile, document: Document) -> str:
     return next(texts()) if path.is_relative_to(Path(__file__).parent) else try_model(texts)
 
 
-def start_state(start: Start, model: mujoco.MjModel) -> Array:
-    """Returns the mean of x_1, shape (n_x,).
-
-    Raises:
-        InvalidEntryError: the start names what the model lacks.
-    """
+def _start_state(start: Start, model: mujoco.MjModel) -> Array:
+    """Returns the mean of x_1, shape (n_x,)."""
     data = mujoco.MjData(model)
     if start.keyframe is not None:
         with at_entry("keyframe"):

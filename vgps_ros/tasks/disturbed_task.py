@@ -53,7 +53,7 @@ def disturb_task(task: Task, disturbance: Disturbance) -> Task:
             "disturb.friction or --frictions."
         )
     if disturbance.changes_model:
-        model = disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
+        model = _disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
     push = _push(disturbance, body, task.dynamics.time_step)
     return on_dynamics(task, Dynamics(model, task.dynamics.substeps, push=push))
 
@@ -191,13 +191,8 @@ _OF_FLOOR = (
 )
 
 
-def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
-    """Returns the model of an MJCF with a disturbance's load on a body, friction, ground, joints.
-
-    Raises:
-        InvalidInputError: ridges or steps are wanted, but there is no floor; or actuators shall be
-            weaker or stronger, but none has a largest force.
-    """
+def _disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
+    """Returns the model of an MJCF with a disturbance of a body, friction, the ground or joints."""
     spec = _named_model(mjcf)
     model = spec.compile()
     if payload := disturbance.payload:

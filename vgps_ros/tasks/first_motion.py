@@ -55,7 +55,7 @@ def with_beginning(task: Task, entry: Begin, folder: Path) -> Task:
     elif isinstance(entry, Sampling):
         begin = _sampling_search(task, entry)
     elif isinstance(entry, PathMotion):
-        begin = AlongPath(path_states(task, entry, folder))
+        begin = AlongPath(_path_states(task, entry, folder))
     elif isinstance(entry, BestMotion):
         begin = _several(task, entry)
     elif isinstance(entry, Noise):
@@ -470,14 +470,11 @@ def _std(begin: Sampling, low: Array, high: Array) -> Array:
     return np.broadcast_to(std, low.shape).astype(float)
 
 
-def path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
+def _path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
     """Returns the states of a path over the planned horizon, shape (T+1, n_x).
 
     Positions are those of the path, velocities are their differences over time, and activations
     are zero.
-
-    Raises:
-        InvalidInputError: the path names what the model or its file lacks.
     """
     states = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
     if begin.file is not None:

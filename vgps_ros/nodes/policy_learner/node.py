@@ -54,7 +54,7 @@ CHECKPOINT_FOLDER = Setting(
 )
 
 
-class KeptTraining(Checkpoints):
+class _KeptTraining(Checkpoints):
     """Checkpoints whose failure is reported, but stops no training."""
 
     def __init__(self, folder: Path, node: Node, health: Health):
@@ -189,7 +189,7 @@ class PolicyLearner(Node):
         checkpoints = None
         if self._checkpoint_folder:
             name = Run(self._method, self._task, settings, seed).name()
-            checkpoints = KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
+            checkpoints = _KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
         remaining = RemainingTime(settings.iterations)
         trouble = ""  # of the last iteration that had any
         for iteration in search(

@@ -109,7 +109,7 @@ class SimulationNode(Node):
         self._frames = FrameBroadcaster(self, model)
         self._imu = SimulatedImu(self, self._messages, model.opt.gravity)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
-        self._command_age = CommandAge(self._health)
+        self._command_age = _CommandAge(self._health)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held_stamp = 0  # of the state that the held command answers [ns]
@@ -278,7 +278,7 @@ class SimulationNode(Node):
         self._publish()
 
 
-class CommandAge:
+class _CommandAge:
     """Shows on /diagnostics for how many control steps each command was held; one is right."""
 
     def __init__(self, health: Health):

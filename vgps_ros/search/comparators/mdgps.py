@@ -94,20 +94,13 @@ class Mirrored(Update):
 
 
 @dataclass(frozen=True)
-class LinearModel:
-    """What is known of the dynamics around rollouts.
+class _LinearModel:
+    """What is known of the dynamics around rollouts."""
 
-    Attributes:
-        mean: x̄, ū, the mean of the rollouts.
-        deviations: δx of states over which π_θ is averaged, shape (N, T, n_dx).
-        linear: f_x, f_u.
-        spread: of x_1 and of the dynamics' noise.
-    """
-
-    mean: Trajectory
-    deviations: Array
-    linear: LinearDynamics
-    spread: Spread
+    mean: Trajectory  # x̄, ū, the mean of the rollouts
+    deviations: Array  # δx of states over which π_θ is averaged, shape (N, T, n_dx)
+    linear: LinearDynamics  # f_x, f_u
+    spread: Spread  # of x_1 and of the dynamics' noise
 
 
 def begin(work: Workspace) -> tuple[OptimizationResult, ...]:
@@ -274,12 +267,8 @@ def _linear_model(
     recent: tuple[Rollouts, ...],
     place: tuple[int, ...],
     q: TrajectoryDistribution | None = None,
-) -> LinearModel:
-    """Returns the linear dynamics around the latest rollouts.
-
-    Raises:
-        DivergenceError: too few rollouts are left, or a derivative is not finite.
-    """
+) -> _LinearModel:
+    """Returns the linear dynamics around the latest rollouts."""
     space, now = here.dynamics.space, recent[-1]
     rng = generator(work.seed, Stream.DYNAMICS_DERIVATIVES, *place)
     if len(now.states) < (1 if q and work.settings.mirror.dynamics == "model" else 2):
@@ -309,13 +298,13 @@ def _linear_model(
         noise = np.hypot(spread.dynamics_std, np.concatenate([std, std[-1:]]))
         spread = replace(spread, dynamics_std=noise)
         deviations = space.subtract(now.states, mean.states[:-1])
-    return LinearModel(mean, deviations, linear, spread)
+    return _LinearModel(mean, deviations, linear, spread)
 
 
 def _problem(
     work: Workspace,
     here: Task,
-    model: LinearModel,
+    model: _LinearModel,
     policy: GaussianPolicy | None,
     q: TrajectoryDistribution,
     k: int,
@@ -340,7 +329,7 @@ def _problem(
 
 
 def _solution(
-    here: Task, situation: Situation, model: LinearModel, step: BoundedStep
+    here: Task, situation: Situation, model: _LinearModel, step: BoundedStep
 ) -> OptimizationResult:
     """Returns q(ζ) of a step, centred on the motion that the linear model expects of it.
 
