@@ -157,6 +157,11 @@ _FROM_TOP, _LOWER_HALF = np.int64(0), np.int64(0)  # see `add_transposed_product
 def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
     f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu, low, high, gaps, slopes
 ):
+    """Does what the module's docstring writes in NumPy.
+
+    It is one long loop since all of a step works on the same arrays, which are allocated once: each
+    part would have to be handed a dozen of them.
+    """
     horizon, n_x, n_u = f_u.shape
     k = np.zeros((horizon, n_u))
     gains = np.zeros((horizon, n_u, n_x))

@@ -177,34 +177,23 @@ def solve(
     search = StepSearch(problem, settings, is_cancelled)
     iterate = problem.around(initial, linear_dynamics, gaps)
     derivative_steps = iterate.simulator_steps
-    log: list[Iteration] = []
-    brought = 0.0
-    status = Status.ITERATION_LIMIT
+    log, brought, status = list[Iteration](), 0.0, Status.ITERATION_LIMIT
+    negligible = cost_tolerance * abs(iterate.cost)
     while len(log) < max_iterations:
-        negligible = max(tolerance * brought, cost_tolerance * abs(iterate.cost))
         step = search.next_step(iterate, negligible)
-        had_gaps = iterate.gaps is not None
         if isinstance(step, Status):
             status = step
             break
-        log.append(
-            Iteration(
-                index=len(log) + 1,
-                cost=step.cost,
-                cost_reduction=iterate.cost - step.cost,
-                expected_reduction=step.expected_reduction,
-                step_size=step.step_size,
-                regularization=search.mu,
-            )
-        )
+        reduction, had_gaps = iterate.cost - step.cost, iterate.gaps is not None
+        of_step = step.expected_reduction, step.step_size, search.mu
+        log.append(Iteration(len(log) + 1, step.cost, reduction, *of_step))
         on_iteration(log[-1])
         search.lower_mu()
         iterate = problem.around(step.trajectory, gaps=step.gaps)
         derivative_steps += iterate.simulator_steps
-        brought += log[-1].cost_reduction
+        brought += reduction
         negligible = max(tolerance * brought, cost_tolerance * abs(iterate.cost))
-        is_small = log[-1].cost_reduction < negligible
-        if is_small and not had_gaps:
+        if reduction < negligible and not had_gaps:
             status = Status.CONVERGED
             break
     if status is not Status.CANCELLED:
