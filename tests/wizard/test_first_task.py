@@ -11,7 +11,7 @@ import yaml
 
 from vgps_ros.programs.__main__ import main
 from vgps_ros.tasks import make_task
-from vgps_ros.wizard.task_check import derivative_errors, examine_task, inexact
+from vgps_ros.wizard.task_check import derivative_errors, examine_task, explain_inexact_derivatives
 
 GROUND = '<geom name="ground" type="plane" size="0 0 1"/>'
 LEG = """
@@ -522,14 +522,14 @@ def test_friction_cones_are_pyramids_whose_derivatives_are_exact(written):
     text, task = written(steep)
     first = task.begin(task, task.initial_state, 30, np.random.default_rng(0)).trajectory
     assert np.quantile(derivative_errors(task, first), 0.9) < 1e-3
-    assert not inexact(task, derivative_errors(task, first))
+    assert not explain_inexact_derivatives(task, derivative_errors(task, first))
     round_cones = text.replace("cone: pyramidal", "cone: elliptic")
     assert round_cones != text
     Path("mine/task.yaml").write_text(round_cones)
     task = make_task("mine")
     errors = derivative_errors(task, first)
     assert np.quantile(errors, 0.9) > 1.0
-    assert "cone: pyramidal" in inexact(task, errors)[0]
+    assert "cone: pyramidal" in explain_inexact_derivatives(task, errors)[0]
 
 
 def test_a_robot_without_actuators_gets_servos_as_strong_as_its_load(written):

@@ -53,7 +53,7 @@ TOPICS = ("odom", "multi_dof_joint_states", "activations", "joint_states")
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS
 IMU = "imu"
 _UNIT_TOLERANCE = 1e-3  # of a quaternion's length: a driver may compute in single precision
-_PATIENCE = 1000  # incomplete states that are kept
+_MOST_WAITING = 1000  # incomplete states that are kept
 _DRIVERS = 64  # sets of joints whose velocities are differences
 
 
@@ -126,8 +126,8 @@ class StateMessages:
         is_told = not self._planar or not names.isdisjoint(self._planar.joints)
         return not (is_told or self.lacking_joints(names))
 
-    def lacking(self, messages: Mapping[str, Any]) -> list[str]:
-        """Returns the topics whose messages lack to join messages, by topic, to a state."""
+    def missing_topics(self, messages: Mapping[str, Any]) -> list[str]:
+        """Returns the topics from which a message lacks before these, by topic, make a state."""
         lacking = [topic for topic in self.needed if topic not in messages]
         if JOINTS in messages:
             if self.lacking_joints(set(messages[JOINTS].name)):
@@ -138,7 +138,7 @@ class StateMessages:
 
     def is_complete(self, messages: Mapping[str, Any]) -> bool:
         """Returns whether messages of one stamp, by topic, can be joined to a state."""
-        return not self.lacking(messages)
+        return not self.missing_topics(messages)
 
     def subscribe(
         self,
@@ -229,7 +229,7 @@ class StateMessages:
         return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
 
     def _read_imu(self, x: Array, imu: Any) -> None:
-        """Writes how the base is turned and turns to x, and that it is at the world's origin."""
+        """Writes orientation and angular velocity of the base to x; its place is the origin."""
         assert self.base is not None
         for what in ("orientation", "angular_velocity"):
             if getattr(imu, f"{what}_covariance")[0] == -1.0:  # so says sensor_msgs/Imu
@@ -276,7 +276,7 @@ class StateCollector:
         parts = [messages[topic]] if topic == JOINTS and topic in messages else []
         messages[topic] = joined_joints([*parts, message]) if parts else message
         if not self._is_complete(messages):
-            if len(self._waiting) > _PATIENCE:
+            if len(self._waiting) > _MOST_WAITING:
                 del self._waiting[next(iter(self._waiting))]
             return None
         # Messages from before belong to states whose other messages were lost: topics keep order.
@@ -422,7 +422,7 @@ class NewestMeasurements:
         *,
         is_simulated: bool = False,
     ):
-        self._lacking, self._is_simulated = states.lacking, is_simulated
+        self._lacking, self._is_simulated = states.missing_topics, is_simulated
         self._tolerance, self._period = round(tolerance * 1e9), round(period * 1e9)  # [ns]
         self._joints = _JointParts(states, self._tolerance, smoothing, tell)
         self._newest: dict[str, Any] = {}

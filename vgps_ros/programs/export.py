@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.web:
         outputs += [arguments.web / name for name in PAGE_FILES]
     if arguments.card:
-        from vgps_ros.programs.policy_card import PICTURE, Exported, card_files, write_card
+        from vgps_ros.programs.policy_card import PICTURE, ExportedFile, card_files, write_card
 
         outputs += card_files(arguments.card)
     if not outputs:
@@ -136,7 +136,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.card:
         print("Measures and draws the policy for its card ...", flush=True)
         command = shlex.join(["vgps", "export", *map(str, arguments.parser.words)])
-        made = Exported(content, arguments.precision, command)
+        made = ExportedFile(content, arguments.precision, command)
         if missing := write_card(task, policy, RunFolder(path.parent), made, arguments.card):
             outputs.remove(arguments.card / PICTURE)
             print(f"No moving picture: {missing}")

@@ -22,7 +22,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.programs.command_line import Parser
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-_PATIENCE = 60.0  # time for the server to answer [s]
+_SERVER_TIMEOUT = 60.0  # time for the server to answer [s]
 _LAST_WAIT = 5.0  # time for the viewer to end before it is killed [s]
 
 
@@ -81,7 +81,7 @@ def _in_browser(recording: Path, port: int = 0) -> Iterator[tuple[str, subproces
     options = ("--serve-web", "--web-viewer-port", str(web), "--port", str(data))
     page = f"http://127.0.0.1:{web}"
     with _running(*options, str(recording)) as viewer:
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + _SERVER_TIMEOUT
         while not _answers(page):
             if viewer.poll() is not None or time.monotonic() > end:
                 raise VgpsError(f"Rerun's server does not answer at {page}; its output is above.")

@@ -141,7 +141,7 @@ class Controls:
 
     @cached_property
     def fields(self) -> dict[str, Mask]:
-        """Masks of those that stand in each field of a JointState, by the fields that are used."""
+        """Which controls belong to each field of a JointState that is used, as masks."""
         used = [kind.field for kind in self.kinds]
         return {name: np.array([each == name for each in used]) for name in dict.fromkeys(used)}
 

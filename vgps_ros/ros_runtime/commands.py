@@ -147,7 +147,7 @@ class Instructions:
 
         The commands are held.
         """
-        return self._now.held(self.commands, steps, self.phase)
+        return self._now.constant_context(self.commands, steps, self.phase)
 
     @property
     def _timeout(self) -> float:

@@ -82,7 +82,7 @@ class Solution:
     simulator_steps: int
 
 
-class StepSearch:
+class _StepSearch:
     """Finds a better trajectory for each iteration.
 
     The regularisation μ changes by a factor that itself changes, after Tassa, Erez and Todorov
@@ -174,7 +174,7 @@ def solve(
             "The initial trajectory diverges; start from smaller controls or another state."
         )
     problem = Problem(dynamics, cost)
-    search = StepSearch(problem, settings, is_cancelled)
+    search = _StepSearch(problem, settings, is_cancelled)
     iterate = problem.around(initial, linear_dynamics, gaps)
     derivative_steps = iterate.simulator_steps
     log, brought, status = list[Iteration](), 0.0, Status.ITERATION_LIMIT
@@ -241,19 +241,12 @@ def centre_of_q(problem: Problem, found: Iterate, mu: float) -> LocalPolicy:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Result of one iteration.
+    """Result of one iteration."""
 
-    Attributes:
-        trajectory: the improved motion, or the given one where no step was accepted.
-        gains: K from around the given motion, shape (T, n_u, n_dx).
-        cost: the trajectory's cost.
-        status: `iteration_limit` where a step was accepted; else the reason why none was.
-    """
-
-    trajectory: Trajectory
-    gains: Array
-    cost: float
-    status: Status
+    trajectory: Trajectory  # the improved motion, or the given one where no step was accepted
+    gains: Array  # K from around the given motion, shape (T, n_u, n_dx)
+    cost: float  # the trajectory's cost
+    status: Status  # `iteration_limit` where a step was accepted; else the reason why none was
 
 
 def improve(
@@ -274,7 +267,7 @@ def improve(
     problem = Problem(dynamics, cost)
     around = problem.around(motion)
     negligible = COST_TOLERANCE * abs(around.cost)
-    step = StepSearch(problem, settings, is_cancelled).next_step(around, negligible)
+    step = _StepSearch(problem, settings, is_cancelled).next_step(around, negligible)
     gains = centre_of_q(problem, around, settings.distribution_regularization).gains
     if isinstance(step, Status):
         return Improvement(motion, gains, around.cost, step)

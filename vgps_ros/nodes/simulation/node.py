@@ -44,7 +44,7 @@ from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import in_closed_loops
+from vgps_ros.tasks.disturbed_task import with_servos
 from vgps_ros.tasks.registry import TASK
 
 MODE = Setting(
@@ -210,7 +210,7 @@ class SimulationNode(Node):
             gains = gains_from_msg(message, own)
             if np.array_equal(gains, (own.stiffness, own.damping)):
                 return
-            self._task = in_closed_loops(self._motors, *gains)
+            self._task = with_servos(self._motors, *gains)
             self._warned = self._task.dynamics.warnings()
             self.robot.close_loops(self._task)
             self._held, self._is_left_alone = self.robot.resting(), True

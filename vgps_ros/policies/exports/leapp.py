@@ -167,13 +167,10 @@ class _Bundle:
 
     def graph(self) -> Any:
         """Returns the network's graph."""
-        declared = self.build.declared
-        return self.build.graph(
-            *(
-                [declared(t["name"], *t["shape"], kind=t["dtype"]) for t in tensors]
-                for tensors in (self.inputs, self.outputs)
-            )
-        )
+        declare = self.build.declaration
+        tensors = [*self.inputs, *self.outputs]
+        said = [declare(t["name"], *t["shape"], kind=t["dtype"]) for t in tensors]
+        return self.build.graph(said[: len(self.inputs)], said[len(self.inputs) :])
 
 
 def _gravity(build: terms.TermNetwork, rotation: str) -> str:

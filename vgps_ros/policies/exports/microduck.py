@@ -155,15 +155,15 @@ class _Network:
         build, controls, size = self.build, self._task.controls, self.size
         to_joints = controls.scale[:, None] * np.eye(len(_JOINTS))[self._own]
         build.give(build.node("MatMul", actions, build.constant("to_joints", to_joints)), "actions")
-        inputs = [build.declared("obs", 1, _GIVEN)]
-        outputs = [build.declared("actions", 1, len(_JOINTS))]
+        inputs = [build.declaration("obs", 1, _GIVEN)]
+        outputs = [build.declaration("actions", 1, len(_JOINTS))]
         if size:
             whole = build.node("Concat", *self._following, axis=1)
             whole = build.node("Reshape", whole, build.indices([1, 1, size]))
             build.give(whole, "h_out")
             build.give(build.node("Sub", whole, build.to_double("h_out")), "c_out")
-            inputs += [build.declared(f"{half}_in", 1, 1, size) for half in "hc"]
-            outputs += [build.declared(f"{half}_out", 1, 1, size) for half in "hc"]
+            inputs += [build.declaration(f"{half}_in", 1, 1, size) for half in "hc"]
+            outputs += [build.declaration(f"{half}_out", 1, 1, size) for half in "hc"]
         return build.graph(inputs, outputs)
 
 

@@ -25,8 +25,7 @@ def write_unitree(task: Task, exported: ExportedPolicy, folder: Path) -> None:
         InvalidInputError: the policy reads or gives what a deploy.yaml cannot say.
     """
     controls, signals = task.controls, task.signals
-    known = tuple(UNITREE_NAMES.values())
-    numbers = servo_policy_numbers(task, exported, "a deploy.yaml", known)
+    numbers = servo_policy_numbers(task, exported, "a deploy.yaml", (*UNITREE_NAMES.values(),))
     n_u, origin = len(controls.names), controls.at_joints(np.array(exported.origin))
     sizes = {**dict.fromkeys(UNITREE_NAMES, 3), "gait_phase": 2}
     sizes |= dict.fromkeys(("joint_pos", "joint_vel", "last_action"), n_u)
@@ -47,7 +46,7 @@ def write_unitree(task: Task, exported: ExportedPolicy, folder: Path) -> None:
     signs = [number.sign for number in numbers]
     actions, _ = network(exported, build, build.pick(read, places, offsets, signs))
     build.give(actions, "actions")
-    graph = build.graph([build.declared("obs", 1, end)], [build.declared("actions", 1, n_u)])
+    graph = build.graph([build.declaration("obs", 1, end)], [build.declaration("actions", 1, n_u)])
     ranges: dict[str, Any] = {key: [0.0, 0.0] for key in COMMAND_NAMES}
     for command in signals.commands:
         if command.source in VELOCITY_COMMANDS:
