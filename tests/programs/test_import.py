@@ -212,9 +212,7 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     # An executor without the task does the same.
     known = read_deployment(folder / "robot.json")
     policy = file.policy(known.controls)
-    known = replace(
-        known, controls=known.controls.in_closed_loops(policy.stiffness, policy.damping)
-    )
+    known = replace(known, controls=known.controls.with_servos(policy.stiffness, policy.damping))
     light = driver_of(known, file)
     law, observed = light.new_law(), light.observation.within
     found = [law(observed(told[t])(x[None]))[0] for t, x in enumerate(states.states[:-1])]

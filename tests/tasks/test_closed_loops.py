@@ -61,7 +61,7 @@ def test_an_executor_knows_closed_loops_without_the_model(name, tmp_path, rng):
     n_u = len(task.controls.names)
     gains = rng.uniform(1.0, 50.0, n_u), rng.uniform(0.0, 2.0, n_u)
     model = compile_model(closed_loops(task.mjcf, *gains))
-    found, expected = task.controls.in_closed_loops(*gains), controls_of(model)
+    found, expected = task.controls.with_servos(*gains), controls_of(model)
     assert (found.kinds, found.units) == (expected.kinds, expected.units)
     for field in dataclasses.fields(found):
         one, other = (getattr(each, field.name) for each in (found, expected))

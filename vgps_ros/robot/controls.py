@@ -163,7 +163,7 @@ class Controls:
         low, high = np.sort([self.strength * end + self.bias for end in self.limits], axis=0)
         return np.where(self.are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
 
-    def in_closed_loops(self, stiffness: Array, damping: Array) -> "Controls":
+    def with_servos(self, stiffness: Array, damping: Array) -> "Controls":
         """Returns the controls where loops of positions are closed with other gains.
 
         A motor keeps its limits of torque. What has these gains already, or shall have none, stays.
