@@ -27,7 +27,7 @@ from vgps_ros.messages.conversions import (
     state_to_msg,
 )
 from vgps_ros.messages.optimization import request_to_msg
-from vgps_ros.policies.onnx_file import ExportedPolicy, parsed, to_onnx
+from vgps_ros.policies.onnx_file import ExportedPolicy, parse_model, to_onnx
 from vgps_ros.programs.export import metadata
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
@@ -202,7 +202,7 @@ def _exported_file(task: Task, folder: Path) -> Path:
 
 def _network_file(task: Task, folder: Path) -> Path:
     """Writes the same policy as a network of others, which onnxruntime executes."""
-    model = parsed(_exported_file(task, folder).read_bytes(), "The policy")
+    model = parse_model(_exported_file(task, folder).read_bytes(), "The policy")
     model.graph.name = "network of others"
     path = folder / "network.onnx"
     path.write_bytes(model.SerializeToString())

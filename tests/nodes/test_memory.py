@@ -45,7 +45,7 @@ def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
     with BagReader(bag) as reader:
         episode = episodes(reader, task.dynamics.model)[-1]
     if not stochastic:
-        held = task.signals.held(task.signals.rest, STEPS)
+        held = task.signals.constant_context(task.signals.rest, STEPS)
         _, controls = task.dynamics.execute(
             policy,
             task.observation.within(held),

@@ -66,7 +66,7 @@ def test_a_deployment_says_of_a_built_in_task_what_the_task_says(name, tmp_path,
         assert_array_equal(found.pose("stand_keyframe", key), pose)
 
     states = states_of(task, rng)
-    context = known.signals.held(known.signals.rest, 1)[0]
+    context = known.signals.constant_context(known.signals.rest, 1)[0]
     mine, its = (each.observation.within(context) for each in (found, known))
     assert mine.names == its.names
     for x in states:
@@ -218,7 +218,7 @@ def test_a_third_party_policy_drives_with_its_gains(tmp_path, rng):
     (tmp_path / "policy.onnx").write_bytes(elu_model(layers, metadata).SerializeToString())
     file, states = open_policy(tmp_path / "policy.onnx"), states_of(task, rng, 5)
     drivers = [driver_of(each, file) for each in (again(task, tmp_path), task.deployment)]
-    laws = [(driver.started(), driver.observation) for driver in drivers]
+    laws = [(driver.new_law(), driver.observation) for driver in drivers]
     action = np.zeros(2)
     for x in states:
         said, known = (law(observation(x[None]))[0] for law, observation in laws)

@@ -88,7 +88,7 @@ def driven(task, driver, phase=0.0, states=None):
         np.tile(COMMANDS[: len(task.signals.commands)], (STEPS, 1)),
         task.signals.phases(STEPS, phase),
     )
-    law, observed = driver.started(), driver.observation.within
+    law, observed = driver.new_law(), driver.observation.within
     if states is None:
         first = task.initial_state + 0.0
         first[-6:] += 0.3
@@ -232,7 +232,7 @@ def test_leapps_loader_stops_the_clock_as_we_do(tmp_path):
     home = task.initial_state[7:19]
     file = policy_of(read_leapp(tmp_path / "bundle" / "policy.yaml", task.controls.names, home), "")
     law, observation = (
-        driver_of(task.deployment, file).started(),
+        driver_of(task.deployment, file).new_law(),
         driver_of(task.deployment, file).observation,
     )
     for t, state in enumerate(states):

@@ -87,7 +87,7 @@ def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
     assert len(json.loads(capsys.readouterr().out)["commands"]) > 7
     # An executor remembers by the stamps of states: one that comes twice is answered twice.
     inputs = np.random.default_rng(0).standard_normal((4, len(driver.policy.observed)))
-    law, executed = driver.started(), ExecutedPolicy(driver.policy)
+    law, executed = driver.new_law(), ExecutedPolicy(driver.policy)
     for i, (row, wanted) in enumerate((row, law(row[None])[0]) for row in inputs):
         for _ in range(2):
             np.testing.assert_array_equal(executed.control(row, 20 * i), wanted)
@@ -201,7 +201,7 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     task = for_policy(task, file)
     driver = driver_of(task.deployment, file)
     assert list(task.controls.stiffness) == [20.0, 30.0, 40.0, 30.0]
-    law, told = driver.started(), task.signals.held(task.signals.rest, 100)
+    law, told = driver.new_law(), task.signals.constant_context(task.signals.rest, 100)
     observed = driver.observation.within
     states = task.dynamics.rollout(task.initial_state, lambda t, x: law(observed(told[t])(x)), 100)
     where = states.states[-1][9:11]
@@ -212,11 +212,9 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     # An executor without the task does the same.
     known = read_deployment(folder / "robot.json")
     policy = file.policy(known.controls)
-    known = replace(
-        known, controls=known.controls.in_closed_loops(policy.stiffness, policy.damping)
-    )
+    known = replace(known, controls=known.controls.with_servos(policy.stiffness, policy.damping))
     light = driver_of(known, file)
-    law, observed = light.started(), light.observation.within
+    law, observed = light.new_law(), light.observation.within
     found = [law(observed(told[t])(x[None]))[0] for t, x in enumerate(states.states[:-1])]
     np.testing.assert_allclose(known.controls.at_joints(np.array(found)), asked, atol=1e-6)
     with pytest.raises(SystemExit):

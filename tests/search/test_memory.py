@@ -225,7 +225,7 @@ def test_every_executor_remembers_the_same(cart, rng, lag):
     )
     driver = Driver.of(task.observation, policy)
     assert driver.observation.names == ("slide/position",)
-    law, read = driver.started(), []
+    law, read = driver.new_law(), []
 
     def control_law(t, x):
         read.append(driver.observation(x))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.checks import matching
+from vgps_ros.core.checks import matching_names
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.robot.controls import ControlKind
 from vgps_ros.simulation.controls import controls_of
@@ -336,13 +336,13 @@ def test_gymnasium_s_half_cheetah_is_changed_without_editing_it():
 
 
 def test_patterns_find_names_in_their_order():
-    assert matching("joint", "*_hip", ["b_hip", "knee", "a_hip"]) == ["b_hip", "a_hip"]
-    assert matching("joint", "hip[1]", ["hip1", "hip[1]"]) == ["hip[1]"]
-    assert matching("joint", "*", []) == []
+    assert matching_names("joint", "*_hip", ["b_hip", "knee", "a_hip"]) == ["b_hip", "a_hip"]
+    assert matching_names("joint", "hip[1]", ["hip1", "hip[1]"]) == ["hip[1]"]
+    assert matching_names("joint", "*", []) == []
     with pytest.raises(
         InvalidInputError, match=r"'kne' matches no joint; there are hip, knee. Did"
     ):
-        matching("joint", "kne", ["hip", "knee"])
+        matching_names("joint", "kne", ["hip", "knee"])
 
 
 def test_an_index_picks_parts_by_name_or_number():

@@ -192,7 +192,7 @@ def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Ar
     correlations = sigma[:-1] / (std[:, :, None] * std[:, None])
     widened = correlations + _LEAST_CORRELATION * np.eye(std.shape[1])
 
-    def given(crossed: Array) -> Array:
+    def regression_gains(crossed: Array) -> Array:
         """Returns C Σ_t⁻¹ for covariances with x_t, shape (T, m, n_dx)."""
         scaled = np.swapaxes(crossed / std[:, None], 1, 2)
         return np.asarray(np.swapaxes(np.linalg.solve(widened, scaled), 1, 2) / std[:, None])
@@ -205,11 +205,11 @@ def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Ar
             after = crossed @ np.swapaxes(closed[i], 1, 2)
             after *= narrowing[i][:, :, None] * narrowing[i][:, None]
             crossed = np.where((steps >= lag)[:, None, None], after, crossed)
-        found.append(given(crossed))
+        found.append(regression_gains(crossed))
     i = np.maximum(steps - 1, 0)
     crossed = q.gains[i] @ sigma[i] @ np.swapaxes(closed[i], 1, 2)
     crossed += q.control_covariances[i] @ np.swapaxes(f.f_u[i], 1, 2)
-    acted = given(crossed * narrowing[i][:, None])
+    acted = regression_gains(crossed * narrowing[i][:, None])
     acted[0] = 0.0
     return np.stack(found), acted
 

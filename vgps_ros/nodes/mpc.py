@@ -64,7 +64,7 @@ class Mpc(Controller):
         prepare(task)
         planner = Planner(task, settings)
         self._steps = planner.steps
-        declare_cost(self, task.cost, partial(setattr, planner, "cost"))
+        _declare_cost(self, task.cost, partial(setattr, planner, "cost"))
         self._since, self._count = time.monotonic(), 0  # of plans
         self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
         self._horizon = PlanFollower(planner, every, seed, self._take_plan)
@@ -110,7 +110,7 @@ class Mpc(Controller):
         self._plans.publish(plan_to_msg(plan, self._task, seconds, stamp))
 
 
-def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:
+def _declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:
     """Declares the cost's targets and weights as parameters, where it has any that can be changed.
 
     `take` is called with the cost, now and after each change.

@@ -158,12 +158,8 @@ class Player(Node):
     def _add(
         self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
     ) -> None:
-        """Makes a publisher for a topic as the bag describes it.
-
-        Raises:
-            InvalidInputError: the type is not installed, or has other fields than it had.
-        """
-        found, profile = message_type(kind), matching_profile(offered)
+        """Makes a publisher for a topic as the bag describes it."""
+        found, profile = message_type(kind), _matching_profile(offered)
         if type_hash and type_hash != (installed_hash(kind) or type_hash):
             raise InvalidInputError(
                 f"the type {kind} was recorded with other fields than the installed one has; "
@@ -322,7 +318,7 @@ class Player(Node):
         return response
 
 
-def matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+def _matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     """Returns a profile that matches whom any of the recorded publishers matched."""
     reliable = not offered or any(p["reliability"] != "best_effort" for p in offered)
     latched = any(p["durability"] == "transient_local" for p in offered)

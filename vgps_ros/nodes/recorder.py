@@ -20,12 +20,7 @@ from rclpy.duration import Duration
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_profile_parameter_events,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_parameter_events
 from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume
 
@@ -56,7 +51,7 @@ _WEAKER = (
 
 
 @dataclass(frozen=True)
-class RecorderSettings:
+class _RecorderSettings:
     """Settings of the recorder. Their descriptions are what users read."""
 
     output: str = setting("", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
@@ -87,7 +82,7 @@ class Recorder(Node):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        settings = declare_settings(self, RecorderSettings())
+        settings = declare_settings(self, _RecorderSettings())
         self._with_services, self._with_actions = settings.services, settings.actions
         self._filter = TopicFilter(settings.include, settings.exclude)
         self._cache_size = settings.cache_size
@@ -199,7 +194,7 @@ class Recorder(Node):
             incompatible_qos=lambda _: self._health.report(topic, warning=_WEAKER.format(topic)),
             use_default_callbacks=False,
         )
-        qos = strongest_profile(offered)
+        qos = _strongest_profile(offered)
         # rclpy's types do not know that a callback may take the message's times too.
         write: Any = partial(self._write, topic)
         self.create_subscription(kind_class, topic, write, qos, event_callbacks=events, raw=True)
@@ -243,7 +238,7 @@ def profile_in_bag(profile: QoSProfile) -> dict[str, Any]:
     }
 
 
-def strongest_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+def _strongest_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     """Returns the strongest profile that all publishers of a topic offer, for a subscription."""
     latched = all(profile["durability"] == "transient_local" for profile in offered)
     reliable = all(profile["reliability"] == "reliable" for profile in offered)

@@ -188,7 +188,7 @@ def write_deployment(deployment: Deployment, path: Path) -> None:
     )
     arrays: dict[str, Array] = {}
     entries = to_tree(content, arrays)
-    listed = {name: _listed(array) for name, array in arrays.items()}
+    listed = {name: _to_lists(array) for name, array in arrays.items()}
     tree = {"format": _FORMAT, "sha256": _digest(entries, listed)}
     write_json(path, tree | {"deployment": entries, "arrays": listed})
 
@@ -255,8 +255,8 @@ def _digest(*content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _listed(array: Array) -> list[Any]:
-    """Returns an array as lists, with what JSON cannot hold as text."""
+def _to_lists(array: Array) -> list[Any]:
+    """Returns an array as lists, with infinities and NaN as text, since JSON has none."""
     plain = array.astype(object)
     plain[~np.isfinite(array)] = array[~np.isfinite(array)].astype(str)
     return plain.tolist()

@@ -141,7 +141,7 @@ def read_leapp(path: Path, joints: Sequence[str], home: Sequence[float]) -> byte
     Args:
         path: the YAML file of the bundle.
         joints: the robot's joints.
-        home: their positions in the keyframe home, or in the task's start, which the action 0 asks.
+        home: what an action of 0 asks: their positions in the keyframe home, or at the start.
 
     Raises:
         InvalidInputError: the bundle cannot be read, or holds what no contract can say.
@@ -273,7 +273,7 @@ def _safetensors(path: Path) -> dict[str, Array]:
     }
 
 
-def holding(
+def holding_metadata(
     metadata: dict[str, str], controls: Controls, start: Array, stiffness: float, damping: float
 ) -> dict[str, str]:
     """Returns metadata by which the controls that a policy does not drive hold where a task starts.

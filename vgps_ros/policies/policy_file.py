@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
+from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parse_model, read_bytes
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.robot.controls import Controls
 from vgps_ros.storage.run_folder import load_policy
@@ -53,5 +53,5 @@ def policy_of(content: bytes, name: str) -> PolicyFile:
         InvalidInputError: the bytes are no ONNX model that may be read.
     """
     exported = from_onnx(content, name)
-    task = metadata_of(parsed(content, name)).get("task", "")
+    task = metadata_of(parse_model(content, name)).get("task", "")
     return PolicyFile(name, task, exported.policy if exported else None, content)

@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     from vgps_ros.programs.policy_run import PolicyRun
     from vgps_ros.ros_runtime.runner import client_node
-    from vgps_ros.search.driven import Driven
+    from vgps_ros.search.commanded_motion import CommandedMotion
     from vgps_ros.tasks import make_task
     from vgps_ros.views.console import plain_console
 
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
     trajectory, driven = node.trajectory(steps), None
     if task.signals.names:
         task = task.in_context(contexts := node.contexts(steps))
-        driven = Driven.of(task, trajectory, contexts)
+        driven = CommandedMotion.of(task, trajectory, contexts)
     duration = steps * period
     distance = float(task.distance(trajectory.states[0], trajectory.states[-1]))
     rows = [("duration", duration, "s"), ("distance", distance, "m")]

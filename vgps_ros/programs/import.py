@@ -67,8 +67,8 @@ def run(arguments: argparse.Namespace) -> None:
     import yaml
 
     from vgps_ros.policies.driver import SAME_PERIOD, driver_of
-    from vgps_ros.policies.foreign import holding, read_contract, read_leapp
-    from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
+    from vgps_ros.policies.foreign import holding_metadata, read_contract, read_leapp
+    from vgps_ros.policies.onnx_file import metadata_of, parse_model, read_bytes, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
     from vgps_ros.tasks import make_task
@@ -84,9 +84,9 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.contract:
         said = read_contract(arguments.contract, joints, _home(task, joints))
         content = with_metadata(content, said, name)
-    known, gains = metadata_of(parsed(content, name)), settings_from(arguments, PoseSettings())
+    known, gains = metadata_of(parse_model(content, name)), settings_from(arguments, PoseSettings())
     pulling = gains.pose_stiffness, gains.pose_damping
-    held = holding(known, task.controls, task.initial_state, *pulling)
+    held = holding_metadata(known, task.controls, task.initial_state, *pulling)
     content = with_metadata(content, held, name) if held else content
     file = policy_of(content, name)
     policy = file.policy(task.controls)
@@ -208,7 +208,7 @@ def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", 
 
     policy, steps = driver.policy, max(1, round(seconds / task.dynamics.time_step))
     assert isinstance(policy, OnnxPolicy)
-    resting = task.signals.held(task.signals.rest, steps)
+    resting = task.signals.constant_context(task.signals.rest, steps)
     observation, memory, read, actions = driver.observation, None, [], []
 
     def law(t: int, x: "Array") -> "Array":

@@ -37,11 +37,7 @@ def rotate(vector: Array, quaternion: Array) -> Array:
     b = qw * y + qz * x - qx * z
     c = qw * z + qx * y - qy * x
     return np.array(
-        [
-            x + 2.0 * (qy * c - qz * b),
-            y + 2.0 * (qz * a - qx * c),
-            z + 2.0 * (qx * b - qy * a),
-        ]
+        [x + 2.0 * (qy * c - qz * b), y + 2.0 * (qz * a - qx * c), z + 2.0 * (qx * b - qy * a)]
     )
 
 

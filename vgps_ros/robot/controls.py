@@ -141,7 +141,7 @@ class Controls:
 
     @cached_property
     def fields(self) -> dict[str, Mask]:
-        """Masks of those that stand in each field of a JointState, by the fields that are used."""
+        """Which controls belong to each field of a JointState that is used, as masks."""
         used = [kind.field for kind in self.kinds]
         return {name: np.array([each == name for each in used]) for name in dict.fromkeys(used)}
 
@@ -163,7 +163,7 @@ class Controls:
         low, high = np.sort([self.strength * end + self.bias for end in self.limits], axis=0)
         return np.where(self.are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
 
-    def in_closed_loops(self, stiffness: Array, damping: Array) -> "Controls":
+    def with_servos(self, stiffness: Array, damping: Array) -> "Controls":
         """Returns the controls where loops of positions are closed with other gains.
 
         A motor keeps its limits of torque. What has these gains already, or shall have none, stays.

@@ -143,7 +143,7 @@ class Signals:
             return 0.0
         return float(np.arctan2(*context[-2:]) / (2.0 * np.pi) % 1.0)
 
-    def held(self, commands: Array, steps: int, first: float = 0.0) -> Array:
+    def constant_context(self, commands: Array, steps: int, first: float = 0.0) -> Array:
         """Returns z of some steps in which the commands (n_c,) do not change, (steps, n_z)."""
         each = np.tile(np.asarray(commands, dtype=float), (steps, 1))
         return self.context(each, self.phases(steps, first))

@@ -147,7 +147,7 @@ class Instructions:
 
         The commands are held.
         """
-        return self._now.held(self.commands, steps, self.phase)
+        return self._now.constant_context(self.commands, steps, self.phase)
 
     @property
     def _timeout(self) -> float:
@@ -172,9 +172,6 @@ class Instructions:
         """Refuses a command that was sent long ago, as a link that was down may bring many at once.
 
         A stamp of another clock tells nothing, such as one of simulated time, or zero.
-
-        Raises:
-            InvalidInputError: it is too old.
         """
         if not hasattr(message, "header"):
             return

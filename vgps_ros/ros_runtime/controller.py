@@ -613,7 +613,7 @@ class _Sensors:
         for topic, kind in states.sources.items():
             has_many = topic == JOINTS or node.is_shadow
             real = PARTS_OF_SENSORS if has_many else NEWEST_OF_SENSORS
-            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, topic))
+            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._report_qos, topic))
             taken, qos = partial(take, topic), real if is_real else NEWEST
             made = node.create_subscription(kind, topic, taken, qos, event_callbacks=events)
             self._subscriptions[topic] = made
@@ -631,8 +631,8 @@ class _Sensors:
         self._health.set_value("joint velocities", words)
         self._node.get_logger().warning(f"joint_states have no velocities: they are {words}.")
 
-    def _tell_qos(self, topic: str, _: object) -> None:
-        """Reports who sends measurements that never arrive: only reliability can differ."""
+    def _report_qos(self, topic: str, _: object) -> None:
+        """Reports which nodes publish a sensor less reliably than this node takes it."""
         topic = self._node.resolve_topic_name(topic)
         names = [
             f"{sender.node_namespace.rstrip('/')}/{sender.node_name}"

@@ -143,7 +143,7 @@ class TrainingResults:
         driver = driver_of(self._robot, file)
         policy, controls = driver.policy, self.controls
         if isinstance(policy, OnnxPolicy) and policy.stiffness.any():
-            controls = controls.in_closed_loops(policy.stiffness, policy.damping)
+            controls = controls.with_servos(policy.stiffness, policy.damping)
             driver = driver_of(replace(self._robot, controls=controls), file)
         if file.gaussian:
             stamp = self._node.get_clock().now().to_msg()

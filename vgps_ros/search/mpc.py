@@ -35,7 +35,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.core.settings import setting
-from vgps_ros.search.optimization_request import first_request, nominal_of
+from vgps_ros.search.optimization_request import first_request, initial_motion
 from vgps_ros.search.plan_end import PlanEnd
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
@@ -123,7 +123,7 @@ class Planner:
             )
         self.age_limit = min(self.steps - 1, round(settings.plan_age_limit / period))
         self._settings = settings
-        self._at_rest = task.signals.held(task.signals.rest, self.steps)
+        self._at_rest = task.signals.constant_context(task.signals.rest, self.steps)
         self._task = task.commanded(task.signals.rest)
         self.cost = task.cost
         # The first solution turns with no heading, follows no command, and knows no time.
@@ -144,7 +144,7 @@ class Planner:
         request = first_request(task, seed, settings.first_iterations)
         if not self._is_continued:
             task = replace(task, horizon=self.steps, lookahead=0)
-        begun = nominal_of(task, request)
+        begun = initial_motion(task, request)
         cost, iterations = self._cost(0, None, task.planned_context), settings.first_iterations
         found = solve(
             *(task.dynamics, cost, begun.trajectory, settings.ddp, iterations), gaps=begun.gaps

@@ -139,7 +139,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     spec = mujoco.MjSpec.from_string(mjcf)
     model = spec.compile()
     controls, exact = controls_of(model), dict[int, dict[str, list[float]]]()
-    closed = controls.in_closed_loops(stiffness, damping)
+    closed = controls.with_servos(stiffness, damping)
     for i, actuator in enumerate(spec.actuators):
         k_p, k_d = float(closed.stiffness[i]), float(closed.damping[i])
         if (k_p, k_d) == (controls.stiffness[i], controls.damping[i]):

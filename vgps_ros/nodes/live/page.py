@@ -129,7 +129,7 @@ class LivePage:
             self._robot.show(state)
 
     def push(self) -> tuple[str, Array] | None:
-        """Shows the drag that is under way, and returns the push that it stands for.
+        """Returns the push of a user who drags the robot by the mouse, and shows it.
 
         Returns:
             A body, and a force [N] at its origin and a torque [N·m] along its axes, shape (6,).

@@ -65,7 +65,7 @@ _Law = Callable[[int, int, Array], Array]
 _Waiting = Generator[None, None, Any]
 
 
-class RobotDynamics(Dynamics):
+class _RobotDynamics(Dynamics):
     """A model's dynamics, but rollouts are those of robots."""
 
     def __init__(self, model: Dynamics, robots: "Robots"):
@@ -120,7 +120,7 @@ class Robots:
     """
 
     def __init__(self, learner: Node, names: Sequence[str], task: Task, health: Health):
-        self.task = replace(task, dynamics=RobotDynamics(task.dynamics, self))
+        self.task = replace(task, dynamics=_RobotDynamics(task.dynamics, self))
         self.is_cancelled: Callable[[], bool] = lambda: False
         self._learner, self._health = learner, health
         # A node of its own, which runs in the thread of the search: messages then wake no other.

@@ -41,7 +41,7 @@ class FrameBroadcaster:
         self._period = 1.0 / rate if rate else math.inf
         self._next = 0.0  # time of the next frames [s], by the steady clock
         if rate:
-            self._transforms = Transforms(model)
+            self._transforms = _Transforms(model)
             self._moving = node.create_publisher(TFMessage, TOPIC, lively(STATES))
             self._fixed = node.create_publisher(TFMessage, FIXED_TOPIC, lively(LATEST))
             self._fixed.publish(self._transforms.fixed)
@@ -55,7 +55,7 @@ class FrameBroadcaster:
         self._moving.publish(self._transforms.at(state, stamp_of(stamp)))
 
 
-class Transforms:
+class _Transforms:
     """Makes the messages of one robot.
 
     Attributes:

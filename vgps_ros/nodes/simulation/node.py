@@ -44,7 +44,7 @@ from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import in_closed_loops
+from vgps_ros.tasks.disturbed_task import with_servos
 from vgps_ros.tasks.registry import TASK
 
 MODE = Setting(
@@ -109,7 +109,7 @@ class SimulationNode(Node):
         self._frames = FrameBroadcaster(self, model)
         self._imu = SimulatedImu(self, self._messages, model.opt.gravity)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
-        self._command_age = CommandAge(self._health)
+        self._command_age = _CommandAge(self._health)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held_stamp = 0  # of the state that the held command answers [ns]
@@ -210,7 +210,7 @@ class SimulationNode(Node):
             gains = gains_from_msg(message, own)
             if np.array_equal(gains, (own.stiffness, own.damping)):
                 return
-            self._task = in_closed_loops(self._motors, *gains)
+            self._task = with_servos(self._motors, *gains)
             self._warned = self._task.dynamics.warnings()
             self.robot.close_loops(self._task)
             self._held, self._is_left_alone = self.robot.resting(), True
@@ -278,7 +278,7 @@ class SimulationNode(Node):
         self._publish()
 
 
-class CommandAge:
+class _CommandAge:
     """Shows on /diagnostics for how many control steps each command was held; one is right."""
 
     def __init__(self, health: Health):

@@ -145,11 +145,7 @@ def _falls(conditions: Conditions) -> dict[str, Any]:
 
 
 def _reads(readings: StateReadings) -> dict[str, Any]:
-    """Returns how the page computes readings.
-
-    Raises:
-        InvalidInputError: they are no numbers of MuJoCo.
-    """
+    """Returns how the page computes readings."""
     if not isinstance(readings, Readings):
         raise InvalidInputError(
             f"The page cannot compute {', '.join(readings.names[:3])}, which are no readings of "
