@@ -13,6 +13,7 @@ import pytest
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks.builder import load_task
+from vgps_ros.tasks.registry import task_file_of, task_names
 from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd
 from vgps_ros.tasks.task_file import (
     SCHEMA_PATH,
@@ -305,6 +306,38 @@ def test_the_json_schema_is_the_one_that_the_script_writes():
     )
     text = script["PAGE"].read_text()
     assert text == script["page"](text), "Run `python scripts/write_task_schema.py`."
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_the_json_schema_takes_the_built_in_tasks(name):
+    """An editor that checks by the schema says nothing of them."""
+    jsonschema = pytest.importorskip("jsonschema")  # comes with what runs notebooks
+    content = read_document(task_file_of(name)).data
+    jsonschema.validate(content, json.loads(SCHEMA_PATH.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("key", "settings", "wrong"),
+    [
+        ("search", {"iterations": 0}, "0 is less than the minimum of 1"),
+        ("search", {"iteration": 3}, "'iteration' was unexpected"),
+        ("search", {"fit.late": 2.0}, "2.0 is greater than the maximum of 1.0"),
+        ("search", {"fit": {"late": 2.0}}, "2.0 is greater than the maximum of 1.0"),
+        ("search", {"fit": {"lat": 0.5}}, "'lat' was unexpected"),
+        ("search", {"hidden_units": 5}, "5 is not of type 'array'"),
+        ("search", {"fit": {"optimizer": "sgd"}}, "'sgd' is not one of"),
+        ("search", {"hidden_units": [5, 5], "fit": {"late": 0}, "gps.redraw": True}, ""),
+        ("optimizer", {"ddp": {"regularization_floor": -1}}, "less than the minimum of 0.0"),
+        ("optimizer", {"ddp.regularization_floor": 1}, ""),
+    ],
+)
+def test_the_json_schema_knows_the_settings_nested_or_dotted(key, settings, wrong):
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads(SCHEMA_PATH.read_text())
+    part = {"$defs": schema["$defs"], **schema["$defs"]["TaskFile"]["properties"][key]}
+    errors = [str(e.message) for e in jsonschema.Draft202012Validator(part).iter_errors(settings)]
+    assert len(errors) == bool(wrong)
+    assert all(wrong in error for error in errors)
 
 
 def test_every_field_has_a_description_and_every_number_a_unit_or_a_reason():

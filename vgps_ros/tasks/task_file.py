@@ -434,7 +434,8 @@ def settings_in(task: TaskFile, document: Document) -> tuple[OptimizerSettings, 
 def _search_names() -> list[str]:
     """Returns the names of a search's settings, which is below this room, by the JSON schema."""
     of_task = json.loads(SCHEMA_PATH.read_text())["$defs"]["TaskFile"]["properties"]
-    return list(of_task["search"]["propertyNames"]["enum"])
+    keys = of_task["search"]["properties"]
+    return [name for name, key in keys.items() if key["type"] != "object"]
 
 
 def find_model(reference: str, folder: Path) -> Path:
