@@ -16,7 +16,7 @@ from benchmarks.figure1.pictures import draw_figure
 from benchmarks.figure1.runner import FAILURES, run_experiment
 from benchmarks.figure1.table import TABLE
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.core.settings import Range, Setting, settings_of
 from vgps_ros.programs.command_line import Parser
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.simulation.warnings import silence_mujoco
@@ -53,8 +53,8 @@ def _add_run_arguments(parser: Parser) -> None:
         help=f"all, or some of {', '.join(CURVES)}; {RISING} is vgps with the tasks' own settings",
     )
     parser.add_settings(
-        Setting("seeds", 10, "number of seeds", minimum=1, maximum=100_000),
-        Setting("first_seed", 0, "the lowest of them", minimum=0, maximum=100_000),
+        Setting("seeds", 10, Range(1, 100_000), "number of seeds"),
+        Setting("first_seed", 0, Range(0, 100_000), "the lowest of them"),
         *(
             replace(setting, description=f"{setting.description}, of a cell")
             for setting in settings_of(SearchSettings(evaluation_rollouts=20))
@@ -69,7 +69,7 @@ def _add_run_arguments(parser: Parser) -> None:
         help="processes of this machine, or dask for a cluster",
     )
     parser.add_settings(
-        Setting("jobs", -1, "processes at once; -1: one a core", minimum=-1, maximum=MOST_JOBS)
+        Setting("jobs", -1, Range(-1, MOST_JOBS), "processes at once; -1: one a core")
     )
     parser.add_argument(
         "--address",

@@ -11,6 +11,7 @@ k would shift the means by a full step that no line search has tried (docs/expla
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from vgps_ros.core.checks import LARGEST_ROUNDING
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import covariance_roots, log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 
 # A linearisation means nothing for states spread beyond it [m, rad, m/s, rad/s].
 STD_BOUND = 1e6
@@ -49,23 +50,20 @@ class Spread:
 class MarginalSettings:
     """Settings of the marginals' width: from so far away the policy learns to come back."""
 
-    initial_std_factor: float = setting(
-        1.0, "factor on the standard deviation of x_1 that the task names", minimum=0.0,
-        maximum=100.0,
-    )  # fmt: skip
-    velocity_noise: float = setting(
-        0.0,
+    initial_std_factor: Annotated[
+        float, Range(0.0, 100.0), "factor on the standard deviation of x_1 that the task names"
+    ] = 1.0
+    velocity_noise: Annotated[
+        float,
+        Range(0.0, 10.0),
         "standard deviation of the noise Sigma_f that each step adds to each velocity [m/s, rad/s]",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    std_limit_annealing: float = setting(
-        0.0,
+    ] = 0.0
+    std_limit_annealing: Annotated[
+        float,
+        Range(0.0, 10.0),
         "exponent p of the task's limits on the standard deviations, times alpha^p: with p > 0 "
         "the region that the policy is fitted in shrinks as alpha falls",
-        minimum=0.0,
-        maximum=10.0,
-    )
+    ] = 0.0
 
     def spread(
         self, initial_std: Array, std_limit: Array, velocities: slice, alpha: float

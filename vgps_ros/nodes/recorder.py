@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import yaml
 from rcl_interfaces.msg import ParameterEvent
@@ -25,9 +25,9 @@ from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume
 
 from vgps_ros.bags import BagWriter
-from vgps_ros.bags.writer import COMPRESSIONS, UnfinishedBagError
+from vgps_ros.bags.writer import UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare_settings
@@ -54,27 +54,28 @@ _WEAKER = (
 class _RecorderSettings:
     """Settings of the recorder. Their descriptions are what users read."""
 
-    output: str = setting("", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
-    include: tuple[str, ...] = setting((".*",), "regular expressions of topics to record")
-    exclude: tuple[str, ...] = setting(("^$",), "regular expressions of topics to leave out")
-    services: bool = setting(False, "whether to record the events of services that publish them")
-    actions: bool = setting(False, "whether to record status and feedback of actions")
-    compression: str = setting(
-        "none", "of the bag's chunks; zstd is smallest", choices=COMPRESSIONS
+    output: Annotated[str, "folder of the bag, which must not exist; empty: bag-DATE-TIME here"] = (
+        ""
     )
-    max_file_size: float = setting(
-        0.0, "begin a new file beyond this size [MB]; 0: never", minimum=0.0
-    )
-    max_file_duration: float = setting(
-        0.0, "begin a new file after this time [s]; 0: never", minimum=0.0
-    )
-    cache_size: float = setting(
-        100.0,
+    include: Annotated[tuple[str, ...], "regular expressions of topics to record"] = (".*",)
+    exclude: Annotated[tuple[str, ...], "regular expressions of topics to leave out"] = ("^$",)
+    services: Annotated[bool, "whether to record the events of services that publish them"] = False
+    actions: Annotated[bool, "whether to record status and feedback of actions"] = False
+    compression: Annotated[
+        Literal["none", "lz4", "zstd"], "of the bag's chunks; zstd is smallest"
+    ] = "none"
+    max_file_size: Annotated[
+        float, Range(0.0), "begin a new file beyond this size [MB]; 0: never"
+    ] = 0.0
+    max_file_duration: Annotated[
+        float, Range(0.0), "begin a new file after this time [s]; 0: never"
+    ] = 0.0
+    cache_size: Annotated[
+        float,
+        Range(1.0, 1e5),
         "messages that may wait in memory for a slow disk; more than these are lost [MB]",
-        minimum=1.0,
-        maximum=1e5,
-    )
-    start_paused: bool = setting(False, "whether to wait for ~/resume before recording")
+    ] = 100.0
+    start_paused: Annotated[bool, "whether to wait for ~/resume before recording"] = False
 
 
 class Recorder(Node):

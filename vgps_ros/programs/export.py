@@ -9,7 +9,7 @@ import argparse
 import hashlib
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
@@ -25,7 +25,7 @@ _PRECISION = Setting(
     "precision",
     "float32",
     "of the graph's input and outputs: float32, as most controllers have them, or float64",
-    choices=("float32", "float64"),
+    kind=Literal["float32", "float64"],
 )
 
 

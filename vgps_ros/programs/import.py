@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.core.settings import Range, Setting, settings_of
 from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing, settings_from
 from vgps_ros.safety.poses import PoseSettings
 from vgps_ros.tasks.registry import TASK, copy_of
@@ -31,9 +31,8 @@ HOLDING = ("pose_stiffness", "pose_damping")  # of motors that the policy does n
 STANDING = Setting(
     "standing",
     2.0,
+    Range(0.02, 100.0),
     "time for which the simulated robot stands, at the pose of the action 0, for the ranges [s]",
-    minimum=0.02,
-    maximum=100.0,
 )
 
 

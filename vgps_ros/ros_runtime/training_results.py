@@ -37,8 +37,8 @@ from vgps_ros.storage.run_folder import load_distributions
 POLICY_FILE = Setting(
     "policy_file",
     "",
-    "policy.json of a training, or an ONNX file, to load at configure; empty: wait for the topic "
-    "policy",
+    "policy.json of a training, or an ONNX file, to load at configure; empty: wait "
+    "for the topic policy",
 )
 DISTRIBUTION_FILE = Setting(
     "distribution_file",

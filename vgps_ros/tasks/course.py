@@ -19,20 +19,17 @@ import numpy as np
 from vgps_ros.core.checks import finite_array, positive, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.storage.files import read_yaml
 
 FIELDS = ("linear/x", "linear/y", "linear/z", "angular/x", "angular/y", "angular/z")
 FIGURE_OF_EIGHT = "figure_of_eight"
-SPEED = Setting(
-    "speed", 0.4, f"forward speed of {FIGURE_OF_EIGHT} [m/s]", minimum=1e-3, maximum=100.0
-)
+SPEED = Setting("speed", 0.4, Range(1e-3, 100.0), f"forward speed of {FIGURE_OF_EIGHT} [m/s]")
 TURN = Setting(
     "turn",
     0.5,
+    Range(1e-3, 100.0),
     f"turning speed of {FIGURE_OF_EIGHT}, whose circles have the radius speed / turn [rad/s]",
-    minimum=1e-3,
-    maximum=100.0,
 )
 _LONGEST = 86_400.0  # [s]
 

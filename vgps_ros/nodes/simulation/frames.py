@@ -11,7 +11,7 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATEST, STATES, lively
@@ -21,10 +21,9 @@ TOPIC, FIXED_TOPIC = "/tf", "/tf_static"
 TF_RATE = Setting(
     "tf_rate",
     30.0,
-    "states whose frames are published on /tf per second of the wall clock, at most; 0: no frames, "
-    "for a robot_state_publisher that reads robot_description",
-    minimum=0.0,
-    maximum=10000.0,
+    Range(0.0, 10000.0),
+    "states whose frames are published on /tf per second of the wall clock, at most; 0: "
+    "no frames, for a robot_state_publisher that reads robot_description",
 )
 
 
