@@ -7,7 +7,6 @@ Example: python -m benchmarks.figure1 run --output DIR, then python -m benchmark
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.figure1.cells import PANELS, Panel, Protocol, all_cells
@@ -56,9 +55,9 @@ def _add_run_arguments(parser: Parser) -> None:
         Setting("seeds", 10, Range(1, 100_000), "number of seeds"),
         Setting("first_seed", 0, Range(0, 100_000), "the lowest of them"),
         *(
-            replace(setting, description=f"{setting.description}, of a cell")
-            for setting in settings_of(SearchSettings(evaluation_rollouts=20))
-            if setting.name in ("iterations", "evaluation_rollouts")
+            Setting(s.name, s.default, Range(1, 100_000), f"{s.description}, of a cell")
+            for s in settings_of(SearchSettings(evaluation_rollouts=20))
+            if s.name in ("iterations", "evaluation_rollouts")
         ),
     )
     parser.add_argument("--output", type=Path, required=True, help="folder for all results")
