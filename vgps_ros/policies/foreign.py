@@ -29,7 +29,7 @@ from vgps_ros.policies.onnx_file import (
 )
 from vgps_ros.policies.onnx_policy import constants_of
 from vgps_ros.robot.controls import Controls
-from vgps_ros.storage.files import read_yaml
+from vgps_ros.storage.files import read_file, read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"
 _SAME = ("base_lin_vel", "base_ang_vel", "projected_gravity", "last_action", "velocity_commands")
@@ -302,7 +302,7 @@ def holding(
 
 def _yaml(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text()
+        text = read_file(path).decode()
     except (OSError, UnicodeError) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {error}.") from error
     content = read_yaml(re.sub(r"!!python/\S+", "", text), f"'{path}'")

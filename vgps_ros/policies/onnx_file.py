@@ -35,6 +35,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
+from vgps_ros.storage.files import read_file
 
 NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
@@ -84,15 +85,14 @@ def read_bytes(path: Path) -> bytes:
     """Returns the content of an ONNX file.
 
     Raises:
-        InvalidInputError: it is missing, or no plain file.
+        InvalidInputError: it is missing, no plain file, or too large.
     """
     try:
-        if not path.is_file():
-            raise InvalidInputError(f"'{path}' is no file; name the ONNX file of a policy.")
-        with path.open("rb") as file:
-            return file.read(LARGEST + 1)  # `parsed` refuses more than LARGEST
+        return read_file(path, LARGEST)
     except OSError as error:
-        raise InvalidInputError(f"'{path}' cannot be read: {error.strerror}.") from error
+        raise InvalidInputError(
+            f"'{path}' cannot be read: {error.strerror}; name the ONNX file of a policy."
+        ) from error
 
 
 def parsed(content: bytes, name: str) -> Any:

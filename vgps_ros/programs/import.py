@@ -101,7 +101,9 @@ def run(arguments: argparse.Namespace) -> None:
         return
     path = arguments.output.with_suffix(".task.yaml")
     said, tables = copy_of(arguments.task, path.parent)
-    refuse_existing([path, *tables.values()], overwrite=arguments.overwrite)
+    written = [path, *tables.values()]
+    refuse_existing(written, overwrite=arguments.overwrite)
+    earlier = {each: each.read_bytes() for each in written if each.exists()}
     try:
         path.write_text(
             f"# {arguments.task} with the times of {name}, written by `vgps import`.\n"
@@ -111,7 +113,10 @@ def run(arguments: argparse.Namespace) -> None:
             shutil.copy(table, copied)
         _write(arguments, make_task(str(path)), file, [*outputs, path])
     except BaseException:
-        path.unlink(missing_ok=True)
+        for each in written:
+            each.unlink(missing_ok=True)
+            if each in earlier:
+                each.write_bytes(earlier[each])
         raise
     print(f"Give {path} as the task from here on: it is {arguments.task} with the policy's times.")
 

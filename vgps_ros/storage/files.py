@@ -6,9 +6,11 @@ follows the types that the records declare, so that a file can choose none but t
 """
 
 import base64
+import errno
 import json
 import math
 import os
+import stat
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 
-_LARGEST_JSON = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
+_LARGEST_FILE = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
 
 # NumPy's reader raises these of a file that is no archive, is damaged, or holds pickled objects.
 _MALFORMED = (
@@ -74,22 +76,41 @@ def write_json(path: Path, content: Any) -> None:
         file.write(text.encode())
 
 
+def open_plain(path: Path) -> BinaryIO:
+    """Opens a plain file to read it; a pipe would be waited for, and a device never ends.
+
+    Raises:
+        OSError: it is missing, or no plain file.
+    """
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is no plain file", str(path))
+    return file
+
+
+def read_file(path: Path, largest: int = _LARGEST_FILE) -> bytes:
+    """Returns the content of a plain file.
+
+    Raises:
+        OSError: it is missing, no plain file, or has more bytes than `largest`.
+    """
+    with open_plain(path) as file:
+        if (size := os.fstat(file.fileno()).st_size) > largest:
+            sizes = f"it has {size / 1e6:.0f} MB, and at most {largest / 1e6:.0f} MB are read"
+            raise OSError(errno.EFBIG, sizes, str(path))
+        return file.read(size)
+
+
 def read_json(path: Path) -> Any:
     """Reads a JSON file.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no JSON, no plain file, or is too large or nested too deeply.
+        OSError: as of `read_file`.
+        ValueError: it is no JSON, or is nested too deeply.
     """
-    size = path.stat().st_size
-    if not path.is_file():  # a named pipe would be waited for
-        raise ValueError("it is no plain file")
-    if size > _LARGEST_JSON:
-        raise ValueError(
-            f"it has {size / 1e6:.0f} MB, but at most {_LARGEST_JSON / 1e6:.0f} MB are read"
-        )
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(read_file(path))
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
 
@@ -108,15 +129,15 @@ def read_archive(path: Path) -> dict[str, NDArray]:
         InvalidInputError: it is no archive, damaged, or holds objects, or more than its size.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_plain(path) as file, zipfile.ZipFile(file) as archive:
             size, unpacked = path.stat().st_size, sum(i.file_size for i in archive.infolist())
             if unpacked > size:
                 raise ValueError(f"its {size} bytes would become {unpacked}; save it uncompressed")
-            damaged = archive.testzip()
-        if damaged:
-            raise InvalidInputError(f"the check sum of {damaged} is wrong")
-        with np.load(path, allow_pickle=False) as file:  # noqa: TID251
-            return {name: file[name] for name in file.files}
+            if damaged := archive.testzip():
+                raise ValueError(f"the check sum of {damaged} is wrong")
+            file.seek(0)
+            arrays = np.load(file, allow_pickle=False)  # noqa: TID251
+            return {name: arrays[name] for name in arrays.files}
     except _MALFORMED as error:
         raise InvalidInputError(f"'{path}' is no whole archive of arrays: {error}.") from error
 
