@@ -102,9 +102,9 @@ def test_a_limit_of_memory_ends_a_command_in_a_sentence(memory, limit, tmp_path)
     """Of a model with a large arena, and of the libraries alone."""
     (tmp_path / "robot.xml").write_text(MODEL.format(memory=memory))
     (tmp_path / "task.yaml").write_text(TASK)
-    words = f"vgps train --task {tmp_path} --output {tmp_path / 'run'}"
+    words = f"ulimit -v {int(limit * 2**20)}; exec vgps train --task . --output run"
     answer = subprocess.run(
-        f"ulimit -v {int(limit * 2**20)}; exec {words}", shell=True, capture_output=True, text=True
+        words, cwd=tmp_path, check=False, shell=True, capture_output=True, text=True
     )
     assert answer.returncode == 1
     *_, sentence = answer.stderr.splitlines()

@@ -92,9 +92,9 @@ KEYS = """
   <option timestep="0.002"/>
   <worldbody>
     <frame pos="1 0 0">
-      <body name="hand" mocap="true" pos="1 2 3"><geom size=".1" contype="0" conaffinity="0"/></body>
+      <body name="hand" mocap="true" pos="1 2 3"><geom size=".1" contype="0"/></body>
     </frame>
-    <body name="arm"><joint name="elbow"/><geom size=".1" contype="0" conaffinity="0"/></body>
+    <body name="arm"><joint name="elbow"/><geom size=".1" conaffinity="0"/></body>
   </worldbody>
   <equality><weld body1="hand" body2="arm"/></equality>
   <actuator>

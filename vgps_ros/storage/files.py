@@ -17,16 +17,23 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from io import BufferedReader
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, BinaryIO, get_args, get_origin, get_type_hints
+from typing import Any, BinaryIO, NewType, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from vgps_ros.core.checks import one_of, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
+
+Text = NewType("Text", str)
+"""The type of a field of a record that is a text of many lines; any other is a name."""
+
+_LONGEST_NAME = 1000  # letters
 
 _LARGEST_FILE = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
 
@@ -76,7 +83,7 @@ def write_json(path: Path, content: Any) -> None:
         file.write(text.encode())
 
 
-def open_plain(path: Path) -> BinaryIO:
+def open_plain(path: Path) -> BufferedReader:
     """Opens a plain file to read it; a pipe would be waited for, and a device never ends.
 
     Raises:
@@ -222,7 +229,7 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
 
     Args:
         kind: its type: a record whose fields are records, unions of records and None, tuples of one
-            type, arrays of floats, enumerations, text or numbers.
+            type, arrays of floats, enumerations, names, `Text` or numbers.
         tree: the JSON values.
         arrays: by name.
 
@@ -238,10 +245,15 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     if origin is np.ndarray:
         array = arrays.get(_check_kind(tree, str))
         if array is None or array.dtype != np.float64:
-            raise InvalidInputError(f"{tree} must be the name of an array of 64-bit floats.")
+            raise InvalidInputError(f"{quote(tree)} must name an array of 64-bit floats.")
         return array
+    if kind is Text:
+        return _check_kind(tree, str)
     if issubclass(kind, Enum):
-        return kind(tree)
+        values = [each.value for each in kind]
+        return kind(one_of(f"A {kind.__name__}", _check_kind(tree, str), values))
+    if kind is str and not (_check_kind(tree, str).isprintable() and len(tree) <= _LONGEST_NAME):
+        raise InvalidInputError(f"{quote(tree)} is no name: one prints on a line.")
     if kind is float and type(tree) is int:  # a setting that was given as a whole number
         return tree
     return _check_kind(tree, kind)
@@ -269,7 +281,7 @@ def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     (chosen,) = [choice for choice in choices if choice.__name__ == name] or (None,)
     if chosen is None or set(entries) != {f.name for f in fields(chosen)}:
         wanted = " or ".join(choice.__name__ for choice in choices)
-        raise InvalidInputError(f"A record {name!r} stands where a whole {wanted} must be.")
+        raise InvalidInputError(f"A record {quote(name)} stands where a whole {wanted} must be.")
     return from_entries(chosen, entries, arrays)
 
 
