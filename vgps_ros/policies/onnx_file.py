@@ -24,7 +24,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.storage.files import read_file
 
 NO_TELEMETRY = "ORT_DISABLE_TELEMETRY"
 LARGEST = 64 << 20  # [bytes]; policies of legged robots take about 1 MB
@@ -78,20 +76,6 @@ def package(name: str) -> Any:
         needed = name.partition(".")[0]
         raise VgpsError(
             f"An ONNX policy needs the package {needed}: run `pip install {needed}`."
-        ) from error
-
-
-def read_bytes(path: Path) -> bytes:
-    """Returns the content of an ONNX file.
-
-    Raises:
-        InvalidInputError: it is missing, no plain file, or too large.
-    """
-    try:
-        return read_file(path, LARGEST)
-    except OSError as error:
-        raise InvalidInputError(
-            f"'{path}' cannot be read: {error.strerror}; name the ONNX file of a policy."
         ) from error
 
 

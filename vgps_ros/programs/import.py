@@ -68,9 +68,10 @@ def run(arguments: argparse.Namespace) -> None:
 
     from vgps_ros.policies.driver import SAME_PERIOD, driver_of
     from vgps_ros.policies.foreign import holding, read_contract, read_leapp
-    from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
+    from vgps_ros.policies.onnx_file import LARGEST, metadata_of, parsed, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
+    from vgps_ros.storage.files import read_file
     from vgps_ros.tasks import make_task
 
     task, name = make_task(arguments.task), f"'{arguments.policy}'"
@@ -80,7 +81,7 @@ def run(arguments: argparse.Namespace) -> None:
             raise InvalidInputError(f"{name} says what its numbers mean; leave out --contract.")
         content = read_leapp(arguments.policy, joints, _home(task, joints))
     else:
-        content = read_bytes(arguments.policy)
+        content = read_file(arguments.policy, LARGEST)
     if arguments.contract:
         said = read_contract(arguments.contract, joints, _home(task, joints))
         content = with_metadata(content, said, name)
