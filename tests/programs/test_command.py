@@ -112,6 +112,13 @@ def test_a_limit_of_memory_ends_a_command_in_a_sentence(memory, limit, tmp_path)
     assert "memory" in sentence
 
 
+def test_a_task_whose_cost_is_of_controls_alone_is_looked_over(tmp_path, capsys):
+    (tmp_path / "robot.xml").write_text(MODEL.format(memory="1M"))
+    (tmp_path / "task.yaml").write_text(TASK)
+    main(["check", str(tmp_path / "task.yaml"), "--seconds", "1"])
+    assert "│ controls" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
 def test_what_is_short_of_memory_says_so_and_a_fault_is_no_sentence(error, monkeypatch):
     def fail(_):
