@@ -156,6 +156,17 @@ def test_an_import_that_is_refused_leaves_no_task_behind(folder):
     assert not list(folder.glob("whole*"))
 
 
+def test_an_import_that_fails_leaves_the_files_of_an_earlier_one(folder):
+    (folder / "deploy.yaml").write_text(DEPLOY.replace("0.02", "0.03"))
+    imported()
+    earlier = {file: file.read_bytes() for file in folder.glob("whole*")}
+    assert len(earlier) == 2
+    (folder / "robot.xml").write_text(ROBOT.replace('<freejoint name="floating"/>', ""))
+    with pytest.raises(SystemExit, match="'the free base/"):
+        imported("--overwrite")
+    assert {file: file.read_bytes() for file in folder.glob("whole*")} == earlier
+
+
 @pytest.mark.parametrize(
     ("joint", "term", "sentence"),
     [

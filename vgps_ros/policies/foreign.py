@@ -21,15 +21,15 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import BASE, HELD, STATE
 from vgps_ros.policies.onnx_file import (
+    LARGEST,
     joined_tensors,
     names_of,
-    read_bytes,
     with_commas,
     with_metadata,
 )
 from vgps_ros.policies.onnx_policy import constants_of
 from vgps_ros.robot.controls import Controls
-from vgps_ros.storage.files import read_yaml
+from vgps_ros.storage.files import read_file, read_yaml
 
 GO1_OF_PLAYGROUND = "playground-go1"
 _SAME = ("base_lin_vel", "base_ang_vel", "projected_gravity", "last_action", "velocity_commands")
@@ -150,7 +150,7 @@ def read_leapp(path: Path, joints: Sequence[str], home: Sequence[float]) -> byte
         return _of_leapp(_yaml(path), path, dict(zip(joints, home, strict=True)))
     except InvalidInputError:
         raise
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InvalidInputError(
             f"'{path}' is no LEAPP bundle, since it lacks {error}, or has it in another form."
         ) from error
@@ -166,7 +166,7 @@ def _of_leapp(bundle: Mapping[str, Any], path: Path, home: Mapping[str, float]) 
     ((node, described),) = models.items()
     parameters = described["parameters"]
     one_of(f"the backend of {name}", parameters["backend"], ["onnx"])
-    content = read_bytes(_beside(path, parameters["model_path"]))
+    content = read_file(_beside(path, parameters["model_path"]), LARGEST)
     if hashlib.sha256(content).hexdigest() != parameters["sha256sum"]:
         raise InvalidInputError(
             f"'{parameters['model_path']}' is not the file that {name} describes; export anew."
@@ -261,7 +261,7 @@ def _terms_of_leapp(tensor: Mapping[str, Any], size: int, name: str) -> list[str
 
 def _safetensors(path: Path) -> dict[str, Array]:
     """Returns the arrays in a safetensors file: a header in JSON, and the bytes."""
-    content = read_bytes(path)
+    content = read_file(path)
     end = 8 + int.from_bytes(content[:8], "little")
     header = json.loads(content[8:end])
     return {
@@ -302,7 +302,7 @@ def holding_metadata(
 
 def _yaml(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text()
+        text = read_file(path).decode()
     except (OSError, UnicodeError) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {error}.") from error
     content = read_yaml(re.sub(r"!!python/\S+", "", text), f"'{path}'")

@@ -24,7 +24,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -78,21 +77,6 @@ def package(name: str) -> Any:
         raise VgpsError(
             f"An ONNX policy needs the package {needed}: run `pip install {needed}`."
         ) from error
-
-
-def read_bytes(path: Path) -> bytes:
-    """Returns the content of an ONNX file.
-
-    Raises:
-        InvalidInputError: it is missing, or no plain file.
-    """
-    try:
-        if not path.is_file():
-            raise InvalidInputError(f"'{path}' is no file; name the ONNX file of a policy.")
-        with path.open("rb") as file:
-            return file.read(LARGEST + 1)  # `parse_model` refuses more than LARGEST
-    except OSError as error:
-        raise InvalidInputError(f"'{path}' cannot be read: {error.strerror}.") from error
 
 
 def parse_model(content: bytes, name: str) -> Any:

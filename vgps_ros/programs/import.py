@@ -67,9 +67,10 @@ def run(arguments: argparse.Namespace) -> None:
 
     from vgps_ros.policies.driver import SAME_PERIOD, driver_of
     from vgps_ros.policies.foreign import holding_metadata, read_contract, read_leapp
-    from vgps_ros.policies.onnx_file import metadata_of, parse_model, read_bytes, with_metadata
+    from vgps_ros.policies.onnx_file import LARGEST, metadata_of, parse_model, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
+    from vgps_ros.storage.files import read_file
     from vgps_ros.tasks import make_task
 
     task, name = make_task(arguments.task), f"'{arguments.policy}'"
@@ -79,7 +80,7 @@ def run(arguments: argparse.Namespace) -> None:
             raise InvalidInputError(f"{name} says what its numbers mean; leave out --contract.")
         content = read_leapp(arguments.policy, joints, _home(task, joints))
     else:
-        content = read_bytes(arguments.policy)
+        content = read_file(arguments.policy, LARGEST)
     if arguments.contract:
         said = read_contract(arguments.contract, joints, _home(task, joints))
         content = with_metadata(content, said, name)
@@ -100,7 +101,9 @@ def run(arguments: argparse.Namespace) -> None:
         return
     path = arguments.output.with_suffix(".task.yaml")
     said, tables = copy_of(arguments.task, path.parent)
-    refuse_existing([path, *tables.values()], overwrite=arguments.overwrite)
+    written = [path, *tables.values()]
+    refuse_existing(written, overwrite=arguments.overwrite)
+    earlier = {each: each.read_bytes() for each in written if each.exists()}
     try:
         path.write_text(
             f"# {arguments.task} with the times of {name}, written by `vgps import`.\n"
@@ -110,7 +113,10 @@ def run(arguments: argparse.Namespace) -> None:
             shutil.copy(table, copied)
         _write(arguments, make_task(str(path)), file, [*outputs, path])
     except BaseException:
-        path.unlink(missing_ok=True)
+        for each in written:
+            each.unlink(missing_ok=True)
+            if each in earlier:
+                each.write_bytes(earlier[each])
         raise
     print(f"Give {path} as the task from here on: it is {arguments.task} with the policy's times.")
 

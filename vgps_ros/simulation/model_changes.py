@@ -81,8 +81,9 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     locked = dict[str, float]()
     for pattern, values in changes.get("joints", {}).items():
         if "lock" in values:
-            found = _matching(spec.joints, "joint", pattern, "joints", pattern)
-            locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
+            single = [joint for joint in spec.joints if joint.type in _SCALAR_JOINTS]
+            found = _matching(single, "hinge or slide", pattern, "joints", pattern)
+            locked |= {joint.name: values["lock"] for joint in found}
     freed = _to_free(spec, changes.get("free_bodies", ()))
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)

@@ -451,7 +451,8 @@ def _model_text(task: TaskFile, document: Document) -> str:
                 f"step, {step:g} s.",
                 "control_period",
             )
-            if task.changes == Changes() and not task.sensors:
+            are_moved = _move_mocap(spec, task.start)
+            if task.changes == Changes() and not task.sensors and not are_moved:
                 with suppress(UnicodeDecodeError):
                     yield path.read_text()
             with at_entry("model"):
@@ -460,12 +461,40 @@ def _model_text(task: TaskFile, document: Document) -> str:
     return next(texts()) if path.is_relative_to(Path(__file__).parent) else try_model(texts)
 
 
+_LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+
+
+def _move_mocap(spec: mujoco.MjSpec, start: Start) -> bool:
+    """Moves mocap bodies, which are no part of a state, to where the start's keyframe has them.
+
+    Returns whether there are any.
+    """
+    if start.keyframe is None or not any(body.mocap for body in spec.bodies):
+        return False
+    model = spec.compile()
+    with at_entry("start", "keyframe"):
+        key = keyframe(model, start.keyframe)
+    for i in np.flatnonzero(model.body_mocapid >= 0):
+        body, place = spec.body(model.body(i).name), model.body_mocapid[i]
+        body.set_frame(body.parent.add_frame())  # an even one, since its place counts all
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        body.pos = model.key_mpos[key].reshape(-1, 3)[place]
+        body.quat = model.key_mquat[key].reshape(-1, 4)[place]
+    return True
+
+
 def _start_state(start: Start, model: mujoco.MjModel) -> Array:
-    """Returns the mean of x_1, shape (n_x,)."""
+    """Returns the mean of x_1, shape (n_x,).
+
+    An actuator that lags has followed the control of a keyframe that says nothing of activations.
+    """
     data = mujoco.MjData(model)
     if start.keyframe is not None:
         with at_entry("keyframe"):
             mujoco.mj_resetDataKeyframe(model, data, keyframe(model, start.keyframe))
+        lagging = np.flatnonzero(np.isin(model.actuator_dyntype, _LAGGING))
+        if not data.act.any():
+            data.act[model.actuator_actadr[lagging]] = data.ctrl[lagging]
     names = [model.joint(i).name for i in range(model.njnt)]
     for key, values, addresses in (
         ("positions", data.qpos, model.jnt_qposadr),

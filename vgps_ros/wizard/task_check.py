@@ -370,7 +370,7 @@ def _find_unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mas
         adjoint = j_x[t] + adjoint @ linear.f_x[t]
     sensors = [name.rpartition("/")[0] or name for name in task.cost_names]
     is_moved = {sensor for sensor, by in zip(sensors, moved, strict=True) if by >= _UNMOVED}
-    return np.array([sensor not in is_moved for sensor in sensors])
+    return np.array([sensor not in is_moved for sensor in sensors], dtype=bool)
 
 
 def _name_untouched(task: Task, motion: Trajectory, is_known: Mask) -> list[str]:
