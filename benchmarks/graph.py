@@ -20,12 +20,7 @@ from benchmarks.processes import Bench, bench, processor_seconds, resident_memor
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.messages.conversions import (
-    command_from_msg,
-    nanoseconds,
-    stamp_of,
-    state_to_msg,
-)
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
 from vgps_ros.policies.onnx_file import ExportedPolicy, parse_model, to_onnx
 from vgps_ros.programs.export import metadata

@@ -54,10 +54,7 @@ def judged(task: Task, policy: GaussianPolicy) -> tuple[float, np.ndarray]:
     contexts = np.array([task.signals.constant_context(each, STEPS) for each in told])
     silent = np.zeros((len(told), STEPS, task.dynamics.control_dim))
     states, controls = task.dynamics.execute(
-        policy,
-        task.observation.within(contexts),
-        space.add(task.initial_state, spread),
-        silent,
+        policy, task.observation.within(contexts), space.add(task.initial_state, spread), silent
     )
     up = task.survived(states)
     if not up.any():

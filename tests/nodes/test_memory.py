@@ -47,10 +47,7 @@ def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
     if not stochastic:
         held = task.signals.constant_context(task.signals.rest, STEPS)
         _, controls = task.dynamics.execute(
-            policy,
-            task.observation.within(held),
-            episode.states[:1],
-            np.zeros((1, STEPS, 1)),
+            policy, task.observation.within(held), episode.states[:1], np.zeros((1, STEPS, 1))
         )
         np.testing.assert_array_equal(episode.controls[1 : STEPS + 1], controls[0])
     found = check_bag(bag, open_policy(path))

@@ -167,7 +167,7 @@ def test_unitrees_controller_does_the_same(robot, tmp_path):
         target = raw * action["scale"] + action["offset"]
         np.testing.assert_allclose(target, expected[t], rtol=1e-6, atol=1e-6)
     # Read back by our own reader.
-    said = read_contract(tmp_path / "its" / "params" / "deploy.yaml", task.controls.names, ())
+    said = read_contract(tmp_path / "its" / "params" / "deploy.yaml", task.controls.names)
     content = (tmp_path / "its" / "exported" / "policy.onnx").read_bytes()
     file = policy_of(with_metadata(content, said, "it"), "it")
     _, again = driven(task, driver_of(task.deployment, file), ahead, states)
@@ -355,10 +355,7 @@ def test_a_bundle_of_leapp_drives_as_its_own_loader_has_it(folder, bundles, caps
     ("change", "sentence"),
     [
         ({"frequency": 100.0}, ""),  # a task with its period is written beside it
-        (
-            {"drives": "target/joint/effort"},
-            "gives a torque of hip, but the robot takes a pos",
-        ),
+        ({"drives": "target/joint/effort"}, "gives a torque of hip, but the robot takes a pos"),
         ({"drives": "target/body/position"}, "'target/body/position', which drives nothing"),
         (
             ("kind: state/joint/velocity", "kind: state/joint/velocty"),

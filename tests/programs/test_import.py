@@ -99,6 +99,26 @@ def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
     np.testing.assert_array_equal(executed.control(inputs[0], 80), first)
 
 
+METADATA = """
+observation_names: [gyro/x, gyro/y, gyro/z, projected_gravity, joint_pos, velocity_commands]
+action_scale: 0.5
+control_period: 0.02
+joint_stiffness: 20
+joint_damping: 1
+"""
+
+
+def test_metadata_in_yaml_may_leave_the_joints_to_the_robot(folder):
+    onnx.save(elu_model(elu_layers(11, 2), {}), folder / "policy.onnx")
+    for name, text in (("own", METADATA), ("named", METADATA + "joint_names: [tail, hip]")):
+        (folder / "contract.yaml").write_text(text)
+        words = ["--contract", "contract.yaml", "--output", f"{name}.onnx"]
+        vgps(["import", "policy.onnx", "--task", "task.yaml", "--standing", "0.2", *words])
+    policies = [open_policy(folder / f"{name}.onnx").policy(make_task("task.yaml").controls)
+                for name in ("own", "named")]  # fmt: skip
+    assert [policy.contract.joints for policy in policies] == [("hip", "tail"), ("tail", "hip")]
+
+
 @pytest.mark.parametrize(
     ("file", "old", "new", "sentence"),
     [

@@ -97,8 +97,7 @@ def displaced(solve):
 
 
 @pytest.mark.parametrize(
-    "method",
-    [pytest.param(m, marks=[pytest.mark.slow] if m in SAMPLES else []) for m in METHODS],
+    "method", [pytest.param(m, marks=[pytest.mark.slow] if m in SAMPLES else []) for m in METHODS]
 )
 def test_a_problem_of_one_decision_is_solved_from_afar(method):
     """u_1* minimises w u² + ‖r(x_2)‖², a parabola, since the second control is best left zero.

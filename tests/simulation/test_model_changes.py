@@ -80,7 +80,7 @@ def test_without_changes_the_model_is_the_file_s(turtle, compiled):
 def test_what_has_no_name_gets_one(compiled):
     model = compiled()
     assert names(model, "body", model.nbody) == [
-        *("world", "trunk", "left", "right", "right_body", "tail"),
+        *("world", "trunk", "left", "right", "right_body", "tail")
     ]
     assert names(model, "joint", model.njnt) == ["trunk_free", "left_hip", "right_hip", "tail_ball"]
     assert names(model, "geom", 4) == ["floor", "wall", "trunk_geom", "left_geom"]
@@ -164,10 +164,7 @@ def test_explicit_pairs_stay_where_they_are_wanted(compiled):
 
 
 def test_motors_replace_actuators_and_keyframes_still_compile(compiled):
-    model = compiled(
-        remove_actuators=["*"],
-        actuators={"hips": {"joint": "*", "limit": 24.0}},
-    )
+    model = compiled(remove_actuators=["*"], actuators={"hips": {"joint": "*", "limit": 24.0}})
     assert names(model, "actuator", model.nu) == ["left_hip", "right_hip"]
     assert_allclose(model.actuator_ctrlrange, [[-24, 24]] * 2)
     assert_allclose(model.actuator_gear[:, 0], 1)

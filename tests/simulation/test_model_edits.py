@@ -46,9 +46,7 @@ def changed(path, **changes):
 
 
 @pytest.mark.parametrize(
-    "place",
-    ["<body", '<frame pos=".1 .2 0" euler="0 0 70"><body'],
-    ids=["in a body", "in a frame"],
+    "place", ["<body", '<frame pos=".1 .2 0" euler="0 0 70"><body'], ids=["in a body", "in a frame"]
 )
 @pytest.mark.parametrize(
     "locked",

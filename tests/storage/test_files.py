@@ -95,7 +95,7 @@ READERS = {
     "network": lambda path: open_policy(path.rename(path.with_suffix(".onnx"))),
     "deployment": read_deployment,
     "distributions": load_distributions,
-    "contract": lambda path: read_contract(path, ["rotor"], [0.0]),
+    "contract": lambda path: read_contract(path, ["rotor"]),
     "bundle": lambda path: read_leapp(path, ["rotor"], [0.0]),
     "motion": lambda path: load_demonstration(ROTOR, path),
     "course": lambda path: course_of(str(path)),

@@ -64,9 +64,7 @@ class _CostSettings:
         "their targets, from the next plan on [units of the readings]",
     ]
     weights: Annotated[
-        tuple[float, ...],
-        Range(0.0, LARGEST_ADJUSTMENT),
-        "their weights, from the next plan on",
+        tuple[float, ...], Range(0.0, LARGEST_ADJUSTMENT), "their weights, from the next plan on"
     ]
 
 

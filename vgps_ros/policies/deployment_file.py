@@ -28,10 +28,10 @@ from vgps_ros.core.checks import (
     array_shapes,
     check_array,
     check_record,
+    error_text,
     nearest,
     one_of,
     quote,
-    told,
 )
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import PastInputs
@@ -230,7 +230,8 @@ def read_deployment(path: Path) -> Deployment:
         observation.within(np.zeros(len(content.signals.names)))(content.initial_state)
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise InvalidInputError(
-            f"'{path}' is no deployment ({error_text(error)}); write one with 'vgps export --deployment'."
+            f"'{path}' is no deployment ({error_text(error)}); write one with "
+            "'vgps export --deployment'."
         ) from error
     return Deployment(
         *(content.name, content.mjcf, content.time_step, content.horizon, content.layout),

@@ -31,7 +31,6 @@ from vgps_ros.policies.onnx_policy import constants_of
 from vgps_ros.robot.controls import Controls
 from vgps_ros.storage.files import read_file, read_yaml
 
-GO1_OF_PLAYGROUND = "playground-go1"
 _SAME = ("base_lin_vel", "base_ang_vel", "projected_gravity", "last_action", "velocity_commands")
 _OF_UNITREE = {
     **{name: name for name in (*_SAME, "gait_phase")},
@@ -69,20 +68,17 @@ _KEYS_OF_RL_SAR = (
 _PERIOD_OF_G1, _MOTION_OF_G1 = 0.8, 18.0  # of rl_sar's g1_phase and RoboMimic_Deploy/phase [s]
 
 
-def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> dict[str, str]:
+def read_contract(path: Path, joints: Sequence[str]) -> dict[str, str]:
     """Returns the metadata that a file of another project stands for.
 
     Args:
-        path: Unitree's deploy.yaml, rl_sar's config.yaml, a YAML file of the metadata themselves,
-            or GO1_OF_PLAYGROUND, the observations of MuJoCo Playground's Go1.
+        path: Unitree's deploy.yaml, rl_sar's config.yaml, or a YAML file of the metadata
+            themselves.
         joints: the robot's joints, in the order of its motors.
-        home: their positions in the keyframe home, or in the task's start.
 
     Raises:
         InvalidInputError: it cannot be read, or holds what no contract can say.
     """
-    if str(path) == GO1_OF_PLAYGROUND:
-        return _to_metadata_text(_of_playground(joints, home))
     content = _yaml(path)
     try:
         if "joint_ids_map" in content:
@@ -412,18 +408,6 @@ def _of_rl_sar(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, A
     if "dt" in content:
         found["control_period"] = content["dt"] * content["decimation"]
     return found
-
-
-def _of_playground(joints: Sequence[str], home: Sequence[float]) -> dict[str, Any]:
-    velocities = [f"{name}/{axis}" for name in ("local_linvel", "gyro") for axis in "xyz"]
-    terms = ["projected_gravity", "joint_pos", "joint_vel", "last_action", "velocity_commands"]
-    return {
-        "joint_names": [*joints],
-        "default_joint_pos": [*home],
-        "action_scale": 0.5,
-        "observation_names": [*velocities, *terms],
-        "control_period": 0.02,
-    }
 
 
 def _order(mapping: Sequence[int], joints: Sequence[str]) -> list[int]:

@@ -45,8 +45,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--contract",
         type=Path,
-        help="deploy.yaml of Unitree, config.yaml of rl_sar, a YAML file of metadata, or "
-        "playground-go1: what MuJoCo Playground's Go1 reads; default: the file's own metadata",
+        help="deploy.yaml of Unitree, config.yaml of rl_sar, or a YAML file of metadata; default: "
+        "the file's own metadata",
     )
     parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
     parser.add_argument(
@@ -82,7 +82,10 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         content = read_file(arguments.policy, LARGEST)
     if arguments.contract:
-        said = read_contract(arguments.contract, joints, _home(task, joints))
+        said = metadata_of(parse_model(content, name)) | read_contract(arguments.contract, joints)
+        if "joint_names" not in said:
+            home = ",".join(map(str, _home(task, joints)))
+            said = {"joint_names": ",".join(joints), "default_joint_pos": home, **said}
         content = with_metadata(content, said, name)
     known, gains = metadata_of(parse_model(content, name)), settings_from(arguments, PoseSettings())
     pulling = gains.pose_stiffness, gains.pose_damping

@@ -154,9 +154,7 @@ class MirrorEntry(Record, frozen=True, kw_only=True):
     """The exchange of left and right, by names."""
 
     swap: Annotated[
-        tuple[tuple[Name, Name], ...],
-        "parts of names to exchange",
-        example([["left", "right"]]),
+        tuple[tuple[Name, Name], ...], "parts of names to exchange", example([["left", "right"]])
     ]
     flip: Annotated[
         tuple[Name, ...],
@@ -443,9 +441,7 @@ class Start(Record, frozen=True, kw_only=True):
     """The state from which a task starts: a keyframe, or the model's first state, and changes."""
 
     keyframe: Annotated[
-        Keyframe | None,
-        "a keyframe of the model, by name or number",
-        example("stand"),
+        Keyframe | None, "a keyframe of the model, by name or number", example("stand")
     ] = None
     positions: Annotated[
         dict[str, Coordinates],
@@ -486,9 +482,7 @@ class Marginals(Record, frozen=True, kw_only=True):
     """Limits of the trajectory distribution's width."""
 
     std_limit: Annotated[
-        SpreadLimit,
-        "largest standard deviations",
-        example({"position": 0.3, "velocity": 4.0}),
+        SpreadLimit, "largest standard deviations", example({"position": 0.3, "velocity": 4.0})
     ] = SpreadLimit()
 
 

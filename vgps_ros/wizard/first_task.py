@@ -321,10 +321,7 @@ def _pose_terms(robot: Robot) -> list[dict[str, Any]]:
     what it holds.
     """
     model, terms, thing = robot.model, list[dict[str, Any]](), free_object_joint(robot)
-    is_sent, is_pendulum = (
-        targets.target_sensor(robot) is not None,
-        robot.kind == "pendulum",
-    )
+    is_sent, is_pendulum = (targets.target_sensor(robot) is not None, robot.kind == "pendulum")
     turns = (HINGE,) if robot.kind != "hand" else (HINGE, FREE, BALL)
     is_turned = thing is not None and model.jnt_type[thing] in turns and not is_sent
     turning, upright = endless_hinges(robot), upright_axes(robot)

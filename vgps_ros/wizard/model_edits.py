@@ -15,14 +15,7 @@ from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import compile_model, try_model
 from vgps_ros.simulation.model_changes import changed_spec, self_contained
 from vgps_ros.wizard.recognition import recognise_robot
-from vgps_ros.wizard.robot import (
-    HINGE,
-    SLIDE,
-    bottoms_of,
-    is_wheel,
-    loops_of,
-    lowest_points,
-)
+from vgps_ros.wizard.robot import HINGE, SLIDE, bottoms_of, is_wheel, loops_of, lowest_points
 
 _SHAKEN = 25.0  # acceleration of a joint by its motor that no policy can steer, of g/l
 _DROPPED = {"visual": "what only shows", "meshes": "meshes"}  # the first one that is enough

@@ -171,8 +171,7 @@ def _measure_commands(
 
     def note(iteration: Iteration) -> None:
         on_iteration(
-            request.max_iterations + _PER_COMMAND * len(found) + iteration.index,
-            iteration.cost,
+            request.max_iterations + _PER_COMMAND * len(found) + iteration.index, iteration.cost
         )
 
     for column, i in enumerate(achieved.commands):
