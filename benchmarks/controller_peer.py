@@ -29,7 +29,7 @@ from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.policies.driver import driver_of
 from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.search.judgement import Achieved, judge_controller
+from vgps_ros.search.judgement import CommandReadings, judge_controller
 from vgps_ros.search.settings import search_settings
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import Task, make_task
@@ -70,7 +70,7 @@ class Robots(VecEnv):
 
     def __init__(self, task: Task, seed: int):
         self._task, self._rng = task, np.random.default_rng(seed)
-        self._achieved = Achieved.of(task)
+        self._achieved = CommandReadings.of(task)
         self._settings = search_settings(task)
         self._largest_push = self._settings.renew.push / task.dynamics.model.body_mass.sum()
         n_o, n_u = len(task.observation.names), task.dynamics.control_dim

@@ -79,7 +79,7 @@ class Ours:
         file = open_policy(RunFolder(run).policy)
         task = recorded_task(file.task)
         self._driver, signals = driver_of(task.deployment, file), task.signals
-        self._contexts = np.array([signals.held(each, steps) for each in commands])
+        self._contexts = np.array([signals.constant_context(each, steps) for each in commands])
 
     def __call__(self, t: int, robots: list[mujoco.MjData]) -> Array:
         """Returns the servos' targets, shape (N, 12)."""

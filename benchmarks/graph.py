@@ -20,14 +20,9 @@ from benchmarks.processes import Bench, bench, processor_seconds, resident_memor
 from benchmarks.timing import Comparison, compare
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.messages.conversions import (
-    command_from_msg,
-    nanoseconds,
-    stamp_of,
-    state_to_msg,
-)
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_to_msg
 from vgps_ros.messages.optimization import request_to_msg
-from vgps_ros.policies.onnx_file import ExportedPolicy, parsed, to_onnx
+from vgps_ros.policies.onnx_file import ExportedPolicy, parse_model, to_onnx
 from vgps_ros.programs.export import metadata
 from vgps_ros.ros_runtime.qos import NEWEST, STREAM
 from vgps_ros.search.trajectory_optimization import optimize
@@ -202,7 +197,7 @@ def _exported_file(task: Task, folder: Path) -> Path:
 
 def _network_file(task: Task, folder: Path) -> Path:
     """Writes the same policy as a network of others, which onnxruntime executes."""
-    model = parsed(_exported_file(task, folder).read_bytes(), "The policy")
+    model = parse_model(_exported_file(task, folder).read_bytes(), "The policy")
     model.graph.name = "network of others"
     path = folder / "network.onnx"
     path.write_bytes(model.SerializeToString())

@@ -22,7 +22,6 @@ from benchmarks.reinforcement import Goal, Outcome, Stopwatch
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.dynamics import ControlLaw
 from vgps_ros.tasks import Task
-from vgps_ros.tasks.environment import TORQUE_SCALE
 
 # By algorithm and task; what is not here is Stable-Baselines3's default, as in the zoo.
 ZOO: dict[type[BaseAlgorithm], dict[str, dict[str, Any]]] = {
@@ -50,6 +49,8 @@ ZOO: dict[type[BaseAlgorithm], dict[str, dict[str, Any]]] = {
         "walker": {"learning_starts": 10_000},
     },
 }
+# Torque of an action of 1, about the largest of the DDP solution [N·m].
+TORQUE_SCALE = {"swimmer": 100.0, "walker": 200.0}
 ENVIRONMENTS = {PPO: {"swimmer": 4, "walker": 1}, SAC: {"swimmer": 1, "walker": 1}}
 _CRITICS: dict[type[BaseAlgorithm], dict[str, list[int]]] = {
     PPO: {"vf": [64, 64]},
@@ -100,7 +101,8 @@ def environments(algorithm: type[BaseAlgorithm], task: Task, seed: int = SEED) -
     gamma = ZOO[algorithm][task.name].get("gamma", 0.99)
     number = ENVIRONMENTS[algorithm][task.name]
     name = task.name.title().replace("_", "")
-    found = make_vec_env(f"vgps_ros/{name}-v0", number, seed=seed, env_kwargs={"render_mode": None})
+    own = {"render_mode": None, "torque_scale": TORQUE_SCALE[name]}
+    found = make_vec_env(f"vgps_ros/{name}-v0", number, seed=seed, env_kwargs=own)
     return VecNormalize(found, gamma=gamma) if algorithm is PPO else found
 
 

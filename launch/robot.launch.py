@@ -16,13 +16,7 @@ from launch.substitutions import (
     NotSubstitution,
     PathJoinSubstitution,
 )
-from launch_ros.actions import (
-    Node,
-    PushRosNamespace,
-    SetParameter,
-    SetParametersFromFile,
-    SetRemap,
-)
+from launch_ros.actions import Node, PushRosNamespace, SetParameter, SetParametersFromFile, SetRemap
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
@@ -91,16 +85,8 @@ def generate_launch_description() -> LaunchDescription:
             ),
             SetParametersFromFile(LaunchConfiguration("params_file")),
             SetParameter("use_sim_time", LaunchConfiguration("use_sim_time")),
-            Node(
-                package="vgps_ros",
-                executable="watchdog",
-                condition=UnlessCondition(simulation),
-            ),
-            SetParameter(
-                "task",
-                LaunchConfiguration("task"),
-                condition=given("task"),
-            ),
+            Node(package="vgps_ros", executable="watchdog", condition=UnlessCondition(simulation)),
+            SetParameter("task", LaunchConfiguration("task"), condition=given("task")),
             Node(
                 package="vgps_ros",
                 executable="simulation",

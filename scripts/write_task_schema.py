@@ -2,7 +2,7 @@
 """Writes the JSON schema of task files, by which editors complete and check them, and their page.
 
 Run it in the repository's root after a change of `vgps_ros/tasks/schema.py`, or of a setting of a
-search:
+search or of the optimizer:
 
     python scripts/write_task_schema.py
 """
@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import yaml
 
+from vgps_ros.core.optimizer_settings import OptimizerSettings
 from vgps_ros.core.settings import settings_of
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks.schema import TaskFile
@@ -32,10 +33,24 @@ def definition() -> str:
         "$comment": "Written by scripts/write_task_schema.py from schema.py; do not edit.",
         **_finite(msgspec.json.schema(TaskFile)),
     }
-    names = [each.name for each in settings_of(SearchSettings())]
-    groups = sorted({name.partition(".")[0] for name in names if "." in name})
-    schema["$defs"]["TaskFile"]["properties"]["search"]["propertyNames"] = {"enum": names + groups}
+    keys = schema["$defs"]["TaskFile"]["properties"]
+    keys["search"] |= _keys_of(SearchSettings())
+    keys["optimizer"] |= _keys_of(OptimizerSettings())
     return json.dumps(schema, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _keys_of(record: Any) -> dict[str, Any]:
+    """Returns the schema of a mapping of a record's settings, by dotted names or nested."""
+    keys: dict[str, Any] = {}
+    for each in settings_of(record):
+        of_list = {"type": "array", "items": each.schema, "minItems": 1}
+        found = {"description": each.description, **(of_list if each.is_list else each.schema)}
+        keys[each.name] = found | {"default": each.default}
+        group, _, name = each.name.rpartition(".")
+        if group:
+            inner = {"type": "object", "properties": {}, "additionalProperties": False}
+            keys.setdefault(group, inner)["properties"][name] = keys[each.name]
+    return {"properties": keys, "additionalProperties": False}
 
 
 def _finite(value: Any) -> Any:

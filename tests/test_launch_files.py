@@ -5,6 +5,7 @@ import ast
 import importlib
 import pkgutil
 import re
+from dataclasses import fields, is_dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
@@ -66,8 +67,15 @@ def parameters_of(node: str) -> set[str]:
         *(importlib.import_module(f"{module.__name__}.{part.name}") for part in parts),
         *([controller] if node in ("policy_executor", "mpc") else []),
     ]
-    known = {v.name for m in modules for v in vars(m).values() if isinstance(v, Setting)}
-    return known | {"use_sim_time"}
+    found = [value for module in modules for value in vars(module).values()]
+    records = [
+        v for v in found if is_dataclass(v) and str(getattr(v, "__name__", "")).endswith("Settings")
+    ]
+    return {
+        "use_sim_time",
+        *(s.name for s in found if isinstance(s, Setting)),
+        *(field.name for record in records for field in fields(record)),
+    }
 
 
 def flat(block: dict, prefix: str = "") -> dict:

@@ -7,7 +7,6 @@ Example: python -m benchmarks.figure1 run --output DIR, then python -m benchmark
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.figure1.cells import PANELS, Panel, Protocol, all_cells
@@ -16,7 +15,7 @@ from benchmarks.figure1.pictures import draw_figure
 from benchmarks.figure1.runner import FAILURES, run_experiment
 from benchmarks.figure1.table import TABLE
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.core.settings import Range, Setting, settings_of
 from vgps_ros.programs.command_line import Parser
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.simulation.warnings import silence_mujoco
@@ -53,12 +52,12 @@ def _add_run_arguments(parser: Parser) -> None:
         help=f"all, or some of {', '.join(CURVES)}; {RISING} is vgps with the tasks' own settings",
     )
     parser.add_settings(
-        Setting("seeds", 10, "number of seeds", minimum=1, maximum=100_000),
-        Setting("first_seed", 0, "the lowest of them", minimum=0, maximum=100_000),
+        Setting("seeds", 10, Range(1, 100_000), "number of seeds"),
+        Setting("first_seed", 0, Range(0, 100_000), "the lowest of them"),
         *(
-            replace(setting, description=f"{setting.description}, of a cell")
-            for setting in settings_of(SearchSettings(evaluation_rollouts=20))
-            if setting.name in ("iterations", "evaluation_rollouts")
+            Setting(s.name, s.default, Range(1, 100_000), f"{s.description}, of a cell")
+            for s in settings_of(SearchSettings(evaluation_rollouts=20))
+            if s.name in ("iterations", "evaluation_rollouts")
         ),
     )
     parser.add_argument("--output", type=Path, required=True, help="folder for all results")
@@ -69,7 +68,7 @@ def _add_run_arguments(parser: Parser) -> None:
         help="processes of this machine, or dask for a cluster",
     )
     parser.add_settings(
-        Setting("jobs", -1, "processes at once; -1: one a core", minimum=-1, maximum=MOST_JOBS)
+        Setting("jobs", -1, Range(-1, MOST_JOBS), "processes at once; -1: one a core")
     )
     parser.add_argument(
         "--address",

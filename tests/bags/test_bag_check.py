@@ -17,11 +17,7 @@ from vgps_msgs.msg import GaussianPolicy
 
 from tests.bags.altered import ALL, SAMPLE, copy, main, messages_of, rewritten, without
 from vgps_ros.bags import BagReader
-from vgps_ros.messages.conversions import (
-    distribution_from_msg,
-    nanoseconds,
-    policy_from_msg,
-)
+from vgps_ros.messages.conversions import distribution_from_msg, nanoseconds, policy_from_msg
 from vgps_ros.messages.names import IS_ACTIVE, SAFE_ACTION
 from vgps_ros.safety.settings import SafetySettings
 from vgps_ros.safety.supervisor import ControlLimiter, safe_control
@@ -189,10 +185,7 @@ def test_torques_of_the_safe_action_count_where_a_key_says_that_it_drove(tmp_pat
         return safe_control(settings, states()[stamp], swimmer.controls, np.zeros(2), [marginals])
 
     for value, sentence in (
-        (
-            "True",
-            "5 controls are those of the safe action, or zero, while the policy did not",
-        ),
+        ("True", "5 controls are those of the safe action, or zero, while the policy did not"),
         ("False", "The diagnostics do not say that the safe action drove"),
     ):
         said = said_to_be_safe(commanded(change), value)

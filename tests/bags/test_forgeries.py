@@ -334,9 +334,7 @@ WRONG = {
     "two robots": (two_robots, "2 different robots are on mjcf_description"),
     "a push that excuses": (excused_by_a_push, FOLLOW),
 }
-MISSING = {
-    "five seconds cut out": (lambda: cut_out(False), "were not recorded, or were cut out"),
-}
+MISSING = {"five seconds cut out": (lambda: cut_out(False), "were not recorded, or were cut out")}
 NOT_PROVED = {
     "other costs of noisy rollouts": (lambda: costs("stochastic_cost_mean"), "all else of the tra"),
     "each state put elsewhere": (jumps, "how 500 motions begin"),

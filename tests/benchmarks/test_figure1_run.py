@@ -249,10 +249,7 @@ def test_one_seed_of_each_comes_before_the_next_seed_of_any():
         (["--backend", "proceses"], "Did you mean 'processes'?"),
         (["--backend", "dask", "--address", "nonsense"], "No Dask scheduler answers at 'nonsense'"),
         (["--jobs", "0"], "jobs is 0, but it must be a number of processes"),
-        (
-            ["--jobs", "-5"],
-            "jobs is -5, but it must be from -1 to 1024",
-        ),
+        (["--jobs", "-5"], "jobs is -5, but it must be from -1 to 1024"),
         (["--jobs", "99999999999"], "jobs is 99999999999, but"),
         (["--address", "tcp://host:8786"], "'tcp://host:8786', but only the backend dask"),
         (["--seeds", "0"], "seeds is 0, but it must be"),

@@ -5,13 +5,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.figure1.statistics import (
-    CEILING,
-    iqm,
-    last_multiples,
-    multiples,
-    profile,
-)
+from benchmarks.figure1.statistics import CEILING, iqm, last_multiples, multiples, profile
 from vgps_ros.search.seed_statistics import probability_of_improvement
 
 

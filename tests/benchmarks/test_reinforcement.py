@@ -77,7 +77,8 @@ def test_a_peers_policy_is_judged_on_the_environment_that_it_learns_in(swimmer, 
     model.learn(total_timesteps=steps)
     law = stable_baselines.control_law(model, swimmer)
     rollout = swimmer.dynamics.rollout(swimmer.initial_state, law, 20)
-    episode = gymnasium.make("vgps_ros/Swimmer-v0")
+    scale = stable_baselines.TORQUE_SCALE["swimmer"]
+    episode = gymnasium.make("vgps_ros/Swimmer-v0", torque_scale=scale)
     observation, _ = episode.reset(options={"exact": True})
     normalizer = model.get_vec_normalize_env()
     for state in rollout.states[1:]:

@@ -9,12 +9,12 @@ from vgps_ros.core.checks import (
     arrays_of,
     check_covariances,
     check_record,
+    find_name,
     finite_array,
     first_steps,
     from_arrays,
-    known,
     list_names,
-    matching,
+    matching_names,
     nearest,
     one_of,
     positive,
@@ -143,22 +143,22 @@ JOINTS = ("left_hip", "left_knee", "right_hip", "left_*")
 
 
 def test_a_pattern_finds_all_that_match_in_their_order_and_a_name_itself_alone():
-    assert matching("joint", "*_hip", JOINTS) == ["left_hip", "right_hip"]
-    assert matching("joint", "[lr]*t_k?ee", JOINTS) == ["left_knee"]
-    assert matching("joint", "left_*", JOINTS) == ["left_*"]
-    assert matching("joint", "*", ()) == []
+    assert matching_names("joint", "*_hip", JOINTS) == ["left_hip", "right_hip"]
+    assert matching_names("joint", "[lr]*t_k?ee", JOINTS) == ["left_knee"]
+    assert matching_names("joint", "left_*", JOINTS) == ["left_*"]
+    assert matching_names("joint", "*", ()) == []
 
 
 def test_what_matches_nothing_is_refused_with_the_names_and_the_nearest():
     with pytest.raises(InvalidInputError) as refusal:
-        matching("joint", "left_nee", JOINTS)
+        matching_names("joint", "left_nee", JOINTS)
     assert str(refusal.value) == (
         "'left_nee' matches no joint; there are left_hip, left_knee, right_hip, left_*. Did you "
         "mean 'left_knee'?"
     )
-    assert known("joint", "left_hip", JOINTS) == "left_hip"
+    assert find_name("joint", "left_hip", JOINTS) == "left_hip"
     with pytest.raises(InvalidInputError, match=r"there is no joint 'wheel'; there are left_hip"):
-        known("joint", "wheel", JOINTS)
+        find_name("joint", "wheel", JOINTS)
 
 
 def test_many_names_are_listed_in_part_and_none_as_none():

@@ -160,11 +160,7 @@ def test_best_noise_maximises_the_objective(random_policy, random_distribution, 
 
 
 @pytest.mark.parametrize(
-    ("optimizer", "iterations", "tolerance"),
-    [
-        ("gauss_newton", 40, 1e-5),
-        ("lbfgs", 40, 1e-5),
-    ],
+    ("optimizer", "iterations", "tolerance"), [("gauss_newton", 40, 1e-5), ("lbfgs", 40, 1e-5)]
 )
 def test_fit_recovers_a_linear_gaussian(
     linear_target, whole, rng, optimizer, iterations, tolerance

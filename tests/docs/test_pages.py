@@ -20,10 +20,7 @@ from vgps_ros.tasks.task_file import read_task_file
 
 ROOT = Path(__file__).parents[2]
 AT_THE_TOP = ("README", "AGENTS", "CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY")
-PAGES = [
-    *(ROOT / f"{name}.md" for name in AT_THE_TOP),
-    *sorted((ROOT / "docs").rglob("*.md")),
-]
+PAGES = [*(ROOT / f"{name}.md" for name in AT_THE_TOP), *sorted((ROOT / "docs").rglob("*.md"))]
 EVIDENCE = ROOT / "docs" / "evidence"  # what was measured once; it names files of its time
 TAUGHT = [page for page in PAGES if EVIDENCE not in page.parents]
 WRITTEN_BY_RUNS = {"bag/", "checkpoints/", "dist/", "log/", "runs/", "recordings/", "tensorboard/"}

@@ -51,13 +51,10 @@ def judged(task: Task, policy: GaussianPolicy) -> tuple[float, np.ndarray]:
     rng, told = np.random.default_rng(7), np.repeat(np.array(COMMANDS), STARTS, axis=0)
     space = task.dynamics.space
     spread = task.initial_std * rng.standard_normal((len(told), space.tangent_dim))
-    contexts = np.array([task.signals.held(each, STEPS) for each in told])
+    contexts = np.array([task.signals.constant_context(each, STEPS) for each in told])
     silent = np.zeros((len(told), STEPS, task.dynamics.control_dim))
     states, controls = task.dynamics.execute(
-        policy,
-        task.observation.within(contexts),
-        space.add(task.initial_state, spread),
-        silent,
+        policy, task.observation.within(contexts), space.add(task.initial_state, spread), silent
     )
     up = task.survived(states)
     if not up.any():

@@ -36,7 +36,7 @@ def test_what_it_remembers_is_the_runs_and_a_check_computes_it_again(
     bag = drive(graph, path, limit=100.0)
     states, controls = motion_of(bag, swimmer)
     driver = driver_of(swimmer.deployment, open_policy(path))
-    law = driver.started()
+    law = driver.new_law()
     inputs = driver.observation(states[:STEPS])
     expected = np.concatenate([law(row[None]) for row in inputs])
     np.testing.assert_allclose(controls[:STEPS], expected, rtol=1e-5, atol=1e-5)
@@ -65,7 +65,7 @@ def test_it_begins_anew_where_it_is_activated_again(graph, swimmer, path):
     assert graph.change(Transition.TRANSITION_ACTIVATE)
     driver = driver_of(swimmer.deployment, open_policy(path))
     inputs = driver.observation(np.ones((1, 10)))
-    law = driver.started()
+    law = driver.new_law()
     for step in (1, 2, 3):
         wanted = law(inputs)[0]
         for _ in range(2):  # a state that comes twice is answered twice

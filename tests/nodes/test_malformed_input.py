@@ -36,11 +36,7 @@ from rosbag2_interfaces.srv import (
 )
 from sensor_msgs.msg import JointState
 from simulation_interfaces.action import SimulateSteps
-from simulation_interfaces.msg import (
-    EntityCategory,
-    EntityFilters,
-    SimulationState,
-)
+from simulation_interfaces.msg import EntityCategory, EntityFilters, SimulationState
 from simulation_interfaces.srv import (
     GetEntities,
     GetEntitiesStates,
@@ -143,8 +139,7 @@ FLOATING_ARGUMENTS = (
     "-p task:=quadruped -p start_paused:=true"
 )
 FILTERS = EntityFilters(
-    filter="^r",
-    categories=[EntityCategory(category=EntityCategory.CATEGORY_ROBOT)],
+    filter="^r", categories=[EntityCategory(category=EntityCategory.CATEGORY_ROBOT)]
 )
 
 
@@ -465,9 +460,7 @@ def values_of():
 @pytest.mark.parametrize("together", [False, True], ids=["each", "together"])
 def test_values_for_parameters(world, together):
     values = st.builds(
-        ParameterValue,
-        type=st.sampled_from((*range(10), 10, 200, 255)),
-        **values_of(),
+        ParameterValue, type=st.sampled_from((*range(10), 10, 200, 255)), **values_of()
     )
 
     @st.composite

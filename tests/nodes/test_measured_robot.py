@@ -24,18 +24,8 @@ from tests.nodes.conftest import executed, values_of
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import (
-    command_from_msg,
-    nanoseconds,
-    stamp_of,
-    state_from_msg,
-)
-from vgps_ros.messages.robot_state import (
-    JOINTS,
-    NewestMeasurements,
-    StateMessages,
-    joined_joints,
-)
+from vgps_ros.messages.conversions import command_from_msg, nanoseconds, stamp_of, state_from_msg
+from vgps_ros.messages.robot_state import JOINTS, NewestMeasurements, StateMessages, joined_joints
 from vgps_ros.robot.bodies import product
 from vgps_ros.ros_runtime.qos import STREAM
 from vgps_ros.simulation.frames import state_layout

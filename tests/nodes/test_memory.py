@@ -45,12 +45,9 @@ def test_the_executor_remembers_as_rollouts_do_and_a_check_computes_it_again(
     with BagReader(bag) as reader:
         episode = episodes(reader, task.dynamics.model)[-1]
     if not stochastic:
-        held = task.signals.held(task.signals.rest, STEPS)
+        held = task.signals.constant_context(task.signals.rest, STEPS)
         _, controls = task.dynamics.execute(
-            policy,
-            task.observation.within(held),
-            episode.states[:1],
-            np.zeros((1, STEPS, 1)),
+            policy, task.observation.within(held), episode.states[:1], np.zeros((1, STEPS, 1))
         )
         np.testing.assert_array_equal(episode.controls[1 : STEPS + 1], controls[0])
     found = check_bag(bag, open_policy(path))

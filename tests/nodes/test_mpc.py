@@ -10,11 +10,7 @@ from sensor_msgs.msg import JointState
 from vgps_msgs.msg import Plan as PlanMsg
 
 from tests.nodes.conftest import PATIENCE, Hardware, values_of
-from vgps_ros.messages.conversions import (
-    nanoseconds,
-    state_from_msg,
-    trajectory_from_msg,
-)
+from vgps_ros.messages.conversions import nanoseconds, state_from_msg, trajectory_from_msg
 from vgps_ros.search.mpc import MpcSettings, PlanFollower, Planner
 from vgps_ros.tasks import make_task
 

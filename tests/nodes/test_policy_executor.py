@@ -145,10 +145,7 @@ def test_torques_go_to_ros2_control_as_a_plain_array(graph, swimmer, random_poli
 
 @pytest.mark.parametrize(
     ("parameters", "sentences"),
-    [
-        ({"task": "crawler"}, ["crawler", "swimmer"]),
-        ({"seed": 1.5}, ["seed"]),
-    ],
+    [({"task": "crawler"}, ["crawler", "swimmer"]), ({"seed": 1.5}, ["seed"])],
 )
 def test_a_wrong_parameter_ends_the_start_with_a_sentence(graph, parameters, sentences):
     process = graph.start("policy_executor", **parameters)

@@ -89,8 +89,7 @@ class Training:
 
 
 @pytest.mark.parametrize(
-    ("objective", "count"),
-    [pytest.param("average", 1, marks=pytest.mark.slow), ("likelihood", 2)],
+    ("objective", "count"), [pytest.param("average", 1, marks=pytest.mark.slow), ("likelihood", 2)]
 )
 def test_robots_and_process_learn_the_same_bits(graph, short, tmp_path, objective, count):
     training = Training(graph, short, ROBOTS[:count], **{"mirror.objective": objective})

@@ -14,11 +14,7 @@ from vgps_ros.bags import BagReader
 from vgps_ros.bags.bag_check import check_bag
 from vgps_ros.bags.episode import episodes
 from vgps_ros.core.policy import Architecture, GaussianPolicy
-from vgps_ros.messages.conversions import (
-    command_from_msg,
-    command_to_msg,
-    state_from_msg,
-)
+from vgps_ros.messages.conversions import command_from_msg, command_to_msg, state_from_msg
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import make_task
 

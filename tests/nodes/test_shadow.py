@@ -57,10 +57,7 @@ def test_nothing_is_wrong_with_a_robot_that_stands_and_nothing_is_commanded(grap
     [
         (["--upside-down"], "rad tilted from how the robot starts: if it stands upright"),
         (["--rate", "25"], "but the policy learned 50 controls a second"),
-        (
-            ["--missing", JOINTS[4]],
-            f"joint_states lack {JOINTS[4]}: let the driver name",
-        ),
+        (["--missing", JOINTS[4]], f"joint_states lack {JOINTS[4]}: let the driver name"),
         (
             ["--order", ",".join(sorted(JOINTS, key=lambda name: name.rpartition("_")[2]))],
             "the driver's order is not that of its names; it sends front_left_thigh as",

@@ -14,11 +14,7 @@ from rclpy.qos import QoSProfile
 from rerun.chunk import RrdReader
 from sensor_msgs.msg import JointState
 from simulation_interfaces.srv import ResetSimulation
-from vgps_msgs.msg import (
-    LearningProgress,
-    OptimizerIteration,
-    TrajectoryDistribution,
-)
+from vgps_msgs.msg import LearningProgress, OptimizerIteration, TrajectoryDistribution
 
 from tests.nodes.conftest import EACH_SIGNAL, PATIENCE
 from vgps_ros.messages.conversions import (

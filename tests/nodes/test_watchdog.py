@@ -54,9 +54,7 @@ def driven(graph, swimmer, random_policy, tmp_path):
     save_policy(random_policy(0), "swimmer", tmp_path / "policy.json")
     bus = Bus(graph, swimmer)
     executor = graph.start(
-        "policy_executor",
-        policy_file=tmp_path / "policy.json",
-        command_type="float64_multi_array",
+        "policy_executor", policy_file=tmp_path / "policy.json", command_type="float64_multi_array"
     )
     graph.spin_until(lambda: any(bus.held), what="torques")
     return bus, executor

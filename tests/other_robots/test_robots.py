@@ -55,8 +55,7 @@ def test_each_file_is_tried():
 
 @pytest.mark.filterwarnings("ignore:compiler attribute 'settotalmass':UserWarning")
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in EXPECTED],
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in EXPECTED]
 )
 def test_a_robot_loads_and_ddp_lowers_its_cost(name, task):
     n_dx, n_u, iterations, share = EXPECTED[name]

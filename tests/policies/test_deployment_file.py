@@ -66,7 +66,7 @@ def test_a_deployment_says_of_a_built_in_task_what_the_task_says(name, tmp_path,
         assert_array_equal(found.pose("stand_keyframe", key), pose)
 
     states = states_of(task, rng)
-    context = known.signals.held(known.signals.rest, 1)[0]
+    context = known.signals.constant_context(known.signals.rest, 1)[0]
     mine, its = (each.observation.within(context) for each in (found, known))
     assert mine.names == its.names
     for x in states:
@@ -171,18 +171,68 @@ def test_a_damaged_file_is_refused(content, damage, tmp_path):
         *(("horizon", value) for value in (0, -1)),
         *((("controls", "limits"), value) for value in ([], [{"array": "array_0"}])),
         *((("controls", of), []) for of in ("kinds", "units", "names")),
+        *((("controls", "units", 0), unit) for unit in ("N·m", "deg", "rad/s", "", "\x1b[31m", 1)),
+        *((("controls", "kinds", 0), kind) for kind in ("torque", "velocity", "brake", None)),
+        *(
+            ((of, "names", 0), name)
+            for of in ("controls", "layout")
+            for name in ("", "a\nb", "\x1b[31mred", "\u202eover", "x" * 10**6, 7, None)
+        ),
+        (("layout", "joints", 0), "elbow"),
+        (("layout", "names", 0), "elbow/position"),
+        (("controls", "names", 0), "shoulder"),
+        *((("layout", "first_activation"), place) for place in (-1, 0, 99, 2**70)),
+        (("layout", "names"), [f"j{i}/position" for i in range(10**5)]),
+        *((("signals", of), value) for of in ("frequency", "time_step") for value in (-1.0, 1e300)),
+        ("horizon", 2**70),
+        (("keyframes",), ["home", "home"]),
+        (("layout", "first_body"), "x" * 10**6),
+        (("past", "history"), 2**60),
+        ("record", "Deployment"),
+        ("more", 1),
     ],
 )
 def test_a_forged_file_whose_digest_is_right_is_refused(content, key, value, tmp_path):
     tree = deepcopy(content)
     *keys, last = [key] if isinstance(key, str) else key
     reduce(getitem, keys, tree["deployment"])[last] = value
-    told = json.dumps([tree["deployment"], tree["arrays"]], sort_keys=True)
-    tree["sha256"] = hashlib.sha256(told.encode()).hexdigest()
+    tree["sha256"] = digest_of(tree)
     (tmp_path / "robot.json").write_text(json.dumps(tree))
     with pytest.raises(InvalidInputError, match="is no deployment") as refused:
         read_deployment(tmp_path / "robot.json")
     assert "has changed" not in str(refused.value)
+    assert str(refused.value).isprintable()
+    assert len(str(refused.value)) < 500
+
+
+@pytest.mark.parametrize("change", ["nan", "longer", "shorter", "flat", "a number", "nothing"])
+def test_a_forged_array_is_refused(content, change, tmp_path):
+    refused = 0
+    for name, values in content["arrays"].items():
+        tree, array = deepcopy(content), np.array(values, dtype=float)
+        if not array.size or (change == "flat" and array.ndim == 1):
+            continue
+        array.flat[0] = np.nan if change == "nan" else array.flat[0]
+        other = {
+            "longer": lambda a=array: np.concatenate([a, a]),
+            "shorter": lambda a=array: a[:-1],
+            "flat": array.ravel,
+            "a number": lambda: np.array(1.0),
+            "nothing": lambda: np.empty(0),
+        }
+        changed = other.get(change, lambda a=array: a)()
+        tree["arrays"][name] = np.where(np.isfinite(changed), changed, changed.astype(str)).tolist()
+        tree["sha256"] = digest_of(tree)
+        (tmp_path / "robot.json").write_text(json.dumps(tree))
+        with pytest.raises(InvalidInputError, match=r"is no deployment \((?!its content)"):
+            read_deployment(tmp_path / "robot.json")
+        refused += 1
+    assert refused > 1
+
+
+def digest_of(tree):
+    told = json.dumps([tree["deployment"], tree["arrays"]], sort_keys=True)
+    return hashlib.sha256(told.encode()).hexdigest()
 
 
 @pytest.mark.parametrize(
@@ -218,7 +268,7 @@ def test_a_third_party_policy_drives_with_its_gains(tmp_path, rng):
     (tmp_path / "policy.onnx").write_bytes(elu_model(layers, metadata).SerializeToString())
     file, states = open_policy(tmp_path / "policy.onnx"), states_of(task, rng, 5)
     drivers = [driver_of(each, file) for each in (again(task, tmp_path), task.deployment)]
-    laws = [(driver.started(), driver.observation) for driver in drivers]
+    laws = [(driver.new_law(), driver.observation) for driver in drivers]
     action = np.zeros(2)
     for x in states:
         said, known = (law(observation(x[None]))[0] for law, observation in laws)

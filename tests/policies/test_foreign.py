@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.policies.contract import Contract
-from vgps_ros.policies.foreign import GO1_OF_PLAYGROUND, read_contract
+from vgps_ros.policies.foreign import read_contract
 
 JOINTS = ("left_hip", "left_knee", "right_hip", "right_knee")
 DEPLOY = """
@@ -58,7 +58,7 @@ def written(folder, text, base=""):
 
 
 def contract(*arguments):
-    return Contract(read_contract(*arguments, JOINTS, [0.1, 0.2, 0.3, 0.4]), "The file")
+    return Contract(read_contract(*arguments, JOINTS), "The file")
 
 
 def test_a_deploy_yaml_of_unitree(tmp_path):
@@ -109,16 +109,11 @@ PUBLISHED = """
 def test_a_yaml_file_of_metadata_takes_lists_and_the_texts_that_an_onnx_file_has(tmp_path):
     listed = "observation_names: [joint_pos, phase_cos]\nphase_frequency: [1.25, 1.75, 1.5]\n"
     as_text = "observation_names: joint_pos,phase_cos\nphase_frequency: 1.25,1.75,1.5\n"
-    found = [
-        read_contract(written(tmp_path, text), JOINTS, [0.0] * 4) for text in (listed, as_text)
-    ]
+    found = [read_contract(written(tmp_path, text), JOINTS) for text in (listed, as_text)]
     assert (
         found[0]
         == found[1]
-        == {
-            "observation_names": "joint_pos,phase_cos",
-            "phase_frequency": "1.25,1.75,1.5",
-        }
+        == {"observation_names": "joint_pos,phase_cos", "phase_frequency": "1.25,1.75,1.5"}
     )
 
 
@@ -129,9 +124,9 @@ def test_a_published_config_yaml_has_keys_beside_those_that_count(tmp_path):
     folder.mkdir(parents=True)
     (tmp_path / "base.yaml").write_text(base)
     (folder / "config.yaml").write_text(text)
-    found = read_contract(folder / "config.yaml", JOINTS, [0.0] * 4)
+    found = read_contract(folder / "config.yaml", JOINTS)
     assert found["control_period"] == "0.02"
-    assert found == read_contract(written(tmp_path, RL_SAR), JOINTS, [0.0] * 4)
+    assert found == read_contract(written(tmp_path, RL_SAR), JOINTS)
     with pytest.raises(InvalidInputError, match=r"'num_obervations'.*Did you mean 'num_observ"):
         contract(written(tmp_path, text.replace("num_observations", "num_obervations")))
 
@@ -143,10 +138,7 @@ def test_a_refusal_is_one_sentence(tmp_path):
     assert str(caught.value) == ("Wheels of rl_sar's config.yaml cannot be driven; use legs alone.")
 
 
-def test_what_playgrounds_go1_reads_and_metadata_in_yaml(tmp_path):
-    found = contract(GO1_OF_PLAYGROUND)
-    assert len(found.places) == 9 + 3 * 4 + 3
-    np.testing.assert_array_equal(found.origin, [0.1, 0.2, 0.3, 0.4])
+def test_metadata_in_yaml(tmp_path):
     text = "joint_names: [a, b]\nobservation_names: [joint_vel, last_action]\naction_scale: 0.5\n"
     again = contract(written(tmp_path, text + "observation_terms_scale: [[1, 2], 3]\n"))
     assert again.joints == ("a", "b")

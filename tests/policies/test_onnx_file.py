@@ -7,7 +7,8 @@ from onnx import TensorProto, helper
 from tests.onnx_models import elu_layers, elu_model
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.policies import onnx_file
-from vgps_ros.policies.onnx_file import metadata_of, package, parsed, read_bytes
+from vgps_ros.policies.onnx_file import metadata_of, package, parse_model
+from vgps_ros.policies.policy_file import open_policy
 
 NAMES = {"joint_names": "hip", "task": "rotor"}
 
@@ -38,7 +39,7 @@ def external_and_sparse():
 
 
 def test_a_network_and_its_words_are_read_as_they_stand():
-    model = parsed(made().SerializeToString(), "It")
+    model = parse_model(made().SerializeToString(), "It")
     assert [node.op_type for node in model.graph.node] == ["Gemm", "Elu"] * 2 + ["Gemm"]
     assert metadata_of(model) == NAMES
 
@@ -52,27 +53,24 @@ def test_a_network_and_its_words_are_read_as_they_stand():
 )
 def test_what_could_reach_beyond_the_graph_is_refused(make, sentence):
     with pytest.raises(InvalidInputError, match=sentence):
-        parsed(make().SerializeToString(), "It")
+        parse_model(make().SerializeToString(), "It")
 
 
-def test_size_and_number_of_parts_are_bounded(monkeypatch, tmp_path):
-    content, path = made().SerializeToString(), tmp_path / "policy.onnx"
-    path.write_bytes(content)
+def test_size_and_number_of_parts_are_bounded(monkeypatch):
+    content = made().SerializeToString()
     monkeypatch.setattr(onnx_file, "_MOST_PARTS", 44)
-    assert len(parsed(read_bytes(path), "It").graph.node) == 5
+    assert len(parse_model(content, "It").graph.node) == 5
     monkeypatch.setattr(onnx_file, "_MOST_PARTS", 43)
     with pytest.raises(InvalidInputError, match=r"It has 44 nodes, .* at most 43"):
-        parsed(content, "It")
+        parse_model(content, "It")
     monkeypatch.setattr(onnx_file, "LARGEST", len(content) - 1)
     with pytest.raises(InvalidInputError, match="It is larger than"):
-        parsed(content, "It")
-    with pytest.raises(InvalidInputError, match="It is larger than"):
-        parsed(read_bytes(path), "It")
+        parse_model(content, "It")
 
 
 def test_a_path_that_the_system_refuses_is_named(tmp_path):
     with pytest.raises(InvalidInputError, match="cannot be read: File name too long"):
-        read_bytes(tmp_path / ("a" * 300 + ".onnx"))
+        open_policy(tmp_path / ("a" * 300 + ".onnx"))
 
 
 def test_a_package_that_is_missing_is_named_with_the_way_to_install_it():

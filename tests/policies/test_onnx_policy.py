@@ -416,16 +416,12 @@ def test_each_answer_must_be_finite(rng):
 
 def test_files_that_hold_no_policy_are_refused_before_they_are_read(tmp_path):
     path = tmp_path / "policy.onnx"
-    with pytest.raises(InvalidInputError, match="is no file"):
+    with pytest.raises(InvalidInputError, match="No such file or directory; name the ONNX file"):
         open_policy(path)
     with path.open("wb") as file:
         file.truncate(2 << 30)  # 2 GB, of which the disk holds nothing
-    with pytest.raises(InvalidInputError, match="is larger than 67 MB; use a smaller"):
+    with pytest.raises(InvalidInputError, match="it has 2147 MB, and at most 67 MB are read"):
         open_policy(path)
     path.write_bytes(b"\x00 this is no ONNX")
     with pytest.raises(InvalidInputError, match="is not an ONNX model, or is damaged"):
-        open_policy(path)
-    path.unlink()
-    path.mkdir()
-    with pytest.raises(InvalidInputError, match="is no file"):
         open_policy(path)

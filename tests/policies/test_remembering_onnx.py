@@ -6,7 +6,7 @@ import numpy as np
 from tests.onnx_models import drawn_policy, exported
 from tests.servo_arm import REMEMBERING, write_arm
 from vgps_ros.policies.driver import driver_of, observation_of
-from vgps_ros.policies.onnx_file import parsed
+from vgps_ros.policies.onnx_file import parse_model
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.robot.executed_control import Driver
@@ -30,10 +30,10 @@ def test_the_contract_in_its_metadata_gives_what_the_policy_reads(tmp_path, rng)
         foreign, task.deployment.layout, task.deployment.read, task.signals, "The file"
     )
     states = rng.standard_normal((6, 1, 4))
-    context = task.signals.held(task.signals.rest, 6)
+    context = task.signals.constant_context(task.signals.rest, 6)
     laws = (
-        Driver(foreign, observation).started(),
-        driver_of(task.deployment, open_policy(path)).started(),
+        Driver(foreign, observation).new_law(),
+        driver_of(task.deployment, open_policy(path)).new_law(),
     )
     own = Driver.of(task.observation, policy).observation
     for t in range(6):
@@ -42,5 +42,5 @@ def test_the_contract_in_its_metadata_gives_what_the_policy_reads(tmp_path, rng)
             for law, each in zip(laws, (observation, own), strict=True)
         )
         np.testing.assert_allclose(said, ours, rtol=1e-9, atol=1e-12)
-    names = [p.key for p in parsed(content, "it").metadata_props]
+    names = [p.key for p in parse_model(content, "it").metadata_props]
     assert "observation_terms_lags" in names

@@ -90,6 +90,48 @@ def test_a_misspelt_word_is_answered_with_the_nearest(words, sentence, capsys):
     assert sentence in line
 
 
+MODEL = """
+<mujoco><size memory="{memory}"/><worldbody><body><joint name="hinge"/><geom size="1"/></body>
+</worldbody><actuator><motor joint="hinge"/></actuator></mujoco>
+"""
+TASK = "model: robot.xml\ncontrol_period: 0.02\nhorizon: 1.0\ncost: [{control: all}]\n"
+
+
+@pytest.mark.parametrize(("memory", "limit"), [("1G", 2.0), ("1G", 4.0), ("1M", 0.45)])
+def test_a_limit_of_memory_ends_a_command_in_a_sentence(memory, limit, tmp_path):
+    """Of a model with a large arena, and of the libraries alone."""
+    (tmp_path / "robot.xml").write_text(MODEL.format(memory=memory))
+    (tmp_path / "task.yaml").write_text(TASK)
+    words = f"ulimit -v {int(limit * 2**20)}; exec vgps train --task . --output run"
+    answer = subprocess.run(
+        words, cwd=tmp_path, check=False, shell=True, capture_output=True, text=True
+    )
+    assert answer.returncode == 1
+    *_, sentence = answer.stderr.splitlines()
+    assert "Traceback" not in answer.stderr
+    assert "memory" in sentence
+
+
+def test_a_task_whose_cost_is_of_controls_alone_is_looked_over(tmp_path, capsys):
+    (tmp_path / "robot.xml").write_text(MODEL.format(memory="1M"))
+    (tmp_path / "task.yaml").write_text(TASK)
+    main(["check", str(tmp_path / "task.yaml"), "--seconds", "1"])
+    assert "│ controls" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
+def test_what_is_short_of_memory_says_so_and_a_fault_is_no_sentence(error, monkeypatch):
+    def fail(_):
+        raise error
+
+    monkeypatch.setattr("vgps_ros.programs.bag.run", fail)
+    with pytest.raises(SystemExit, match="vgps bag info: There is too little memory; close other"):
+        main(["bag", "info", "bag"])
+    error = RuntimeError("a fault")
+    with pytest.raises(RuntimeError, match="a fault"):
+        main(["bag", "info", "bag"])
+
+
 def test_every_command_and_node_is_an_executable_of_the_package_too(tmp_path):
     names = {command.replace("-", "_") for command in COMMANDS} | {*NODES}
     assert {file.name for file in (INSTALLED / "lib" / "vgps_ros").iterdir()} == names

@@ -18,7 +18,7 @@ from tests.onnx_models import drawn_policy, elu_layers, elu_mean, elu_model, exp
 from tests.servo_arm import GEARED, SERVOS, write_arm
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.policies.driver import driver_of
-from vgps_ros.policies.onnx_file import metadata_of, parsed
+from vgps_ros.policies.onnx_file import metadata_of, parse_model
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.__main__ import main as vgps
@@ -94,7 +94,7 @@ def test_a_contract_of_an_export_computes_the_same_as_its_policy(run, swimmer, r
     assert found.observed == policy.observed
     expected = np.clip(policy.mean(inputs), *swimmer.controls.limits)
     np.testing.assert_allclose(found.mean(inputs), expected, rtol=1e-5, atol=1e-5)
-    assert set(metadata_of(parsed(content, "The file"))) >= MJLABS
+    assert set(metadata_of(parse_model(content, "The file"))) >= MJLABS
 
 
 def test_evaluate_takes_the_exported_policy_as_it_takes_the_run(run, capsys):

@@ -88,7 +88,7 @@ def driven(task, driver, phase=0.0, states=None):
         np.tile(COMMANDS[: len(task.signals.commands)], (STEPS, 1)),
         task.signals.phases(STEPS, phase),
     )
-    law, observed = driver.started(), driver.observation.within
+    law, observed = driver.new_law(), driver.observation.within
     if states is None:
         first = task.initial_state + 0.0
         first[-6:] += 0.3
@@ -167,7 +167,7 @@ def test_unitrees_controller_does_the_same(robot, tmp_path):
         target = raw * action["scale"] + action["offset"]
         np.testing.assert_allclose(target, expected[t], rtol=1e-6, atol=1e-6)
     # Read back by our own reader.
-    said = read_contract(tmp_path / "its" / "params" / "deploy.yaml", task.controls.names, ())
+    said = read_contract(tmp_path / "its" / "params" / "deploy.yaml", task.controls.names)
     content = (tmp_path / "its" / "exported" / "policy.onnx").read_bytes()
     file = policy_of(with_metadata(content, said, "it"), "it")
     _, again = driven(task, driver_of(task.deployment, file), ahead, states)
@@ -232,7 +232,7 @@ def test_leapps_loader_stops_the_clock_as_we_do(tmp_path):
     home = task.initial_state[7:19]
     file = policy_of(read_leapp(tmp_path / "bundle" / "policy.yaml", task.controls.names, home), "")
     law, observation = (
-        driver_of(task.deployment, file).started(),
+        driver_of(task.deployment, file).new_law(),
         driver_of(task.deployment, file).observation,
     )
     for t, state in enumerate(states):
@@ -355,10 +355,7 @@ def test_a_bundle_of_leapp_drives_as_its_own_loader_has_it(folder, bundles, caps
     ("change", "sentence"),
     [
         ({"frequency": 100.0}, ""),  # a task with its period is written beside it
-        (
-            {"drives": "target/joint/effort"},
-            "gives a torque of hip, but the robot takes a pos",
-        ),
+        ({"drives": "target/joint/effort"}, "gives a torque of hip, but the robot takes a pos"),
         ({"drives": "target/body/position"}, "'target/body/position', which drives nothing"),
         (
             ("kind: state/joint/velocity", "kind: state/joint/velocty"),

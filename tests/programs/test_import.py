@@ -87,7 +87,7 @@ def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
     assert len(json.loads(capsys.readouterr().out)["commands"]) > 7
     # An executor remembers by the stamps of states: one that comes twice is answered twice.
     inputs = np.random.default_rng(0).standard_normal((4, len(driver.policy.observed)))
-    law, executed = driver.started(), ExecutedPolicy(driver.policy)
+    law, executed = driver.new_law(), ExecutedPolicy(driver.policy)
     for i, (row, wanted) in enumerate((row, law(row[None])[0]) for row in inputs):
         for _ in range(2):
             np.testing.assert_array_equal(executed.control(row, 20 * i), wanted)
@@ -97,6 +97,26 @@ def test_it_shows_the_contract_and_what_it_writes_drives(folder, capsys):
     executed.control(inputs[1], 60)
     executed.forget()
     np.testing.assert_array_equal(executed.control(inputs[0], 80), first)
+
+
+METADATA = """
+observation_names: [gyro/x, gyro/y, gyro/z, projected_gravity, joint_pos, velocity_commands]
+action_scale: 0.5
+control_period: 0.02
+joint_stiffness: 20
+joint_damping: 1
+"""
+
+
+def test_metadata_in_yaml_may_leave_the_joints_to_the_robot(folder):
+    onnx.save(elu_model(elu_layers(11, 2), {}), folder / "policy.onnx")
+    for name, text in (("own", METADATA), ("named", METADATA + "joint_names: [tail, hip]")):
+        (folder / "contract.yaml").write_text(text)
+        words = ["--contract", "contract.yaml", "--output", f"{name}.onnx"]
+        vgps(["import", "policy.onnx", "--task", "task.yaml", "--standing", "0.2", *words])
+    policies = [open_policy(folder / f"{name}.onnx").policy(make_task("task.yaml").controls)
+                for name in ("own", "named")]  # fmt: skip
+    assert [policy.contract.joints for policy in policies] == [("hip", "tail"), ("tail", "hip")]
 
 
 @pytest.mark.parametrize(
@@ -156,6 +176,17 @@ def test_an_import_that_is_refused_leaves_no_task_behind(folder):
     assert not list(folder.glob("whole*"))
 
 
+def test_an_import_that_fails_leaves_the_files_of_an_earlier_one(folder):
+    (folder / "deploy.yaml").write_text(DEPLOY.replace("0.02", "0.03"))
+    imported()
+    earlier = {file: file.read_bytes() for file in folder.glob("whole*")}
+    assert len(earlier) == 2
+    (folder / "robot.xml").write_text(ROBOT.replace('<freejoint name="floating"/>', ""))
+    with pytest.raises(SystemExit, match="'the free base/"):
+        imported("--overwrite")
+    assert {file: file.read_bytes() for file in folder.glob("whole*")} == earlier
+
+
 @pytest.mark.parametrize(
     ("joint", "term", "sentence"),
     [
@@ -201,7 +232,7 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     task = for_policy(task, file)
     driver = driver_of(task.deployment, file)
     assert list(task.controls.stiffness) == [20.0, 30.0, 40.0, 30.0]
-    law, told = driver.started(), task.signals.held(task.signals.rest, 100)
+    law, told = driver.new_law(), task.signals.constant_context(task.signals.rest, 100)
     observed = driver.observation.within
     states = task.dynamics.rollout(task.initial_state, lambda t, x: law(observed(told[t])(x)), 100)
     where = states.states[-1][9:11]
@@ -212,11 +243,9 @@ def test_joints_that_it_does_not_drive_are_held(folder, capsys):
     # An executor without the task does the same.
     known = read_deployment(folder / "robot.json")
     policy = file.policy(known.controls)
-    known = replace(
-        known, controls=known.controls.in_closed_loops(policy.stiffness, policy.damping)
-    )
+    known = replace(known, controls=known.controls.with_servos(policy.stiffness, policy.damping))
     light = driver_of(known, file)
-    law, observed = light.started(), light.observation.within
+    law, observed = light.new_law(), light.observation.within
     found = [law(observed(told[t])(x[None]))[0] for t, x in enumerate(states.states[:-1])]
     np.testing.assert_allclose(known.controls.at_joints(np.array(found)), asked, atol=1e-6)
     with pytest.raises(SystemExit):

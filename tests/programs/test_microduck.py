@@ -105,7 +105,7 @@ def contexts(task, commands):
 def expected(task, policy, states, context):
     """Targets by the project's own driver of states (T, n_x), as all 14 joints have them."""
     driver = Driver.of(task.observation, policy)
-    law, observation = driver.started(), driver.observation
+    law, observation = driver.new_law(), driver.observation
     found = np.array(
         [law(observation.within(z)(x[None]))[0] for z, x in zip(context, states, strict=True)]
     )
@@ -158,7 +158,7 @@ def daemon(task, folder, late, commands):
 
 def rollout(task, policy, context):
     driver = Driver.of(task.observation, policy)
-    law, observed = driver.started(), driver.observation.within
+    law, observed = driver.new_law(), driver.observation.within
     first = task.initial_state + 0.0
     first[-6:] += 0.3
     found = task.dynamics.rollout(first, lambda t, x: law(observed(context[t])(x)), STEPS)

@@ -12,7 +12,7 @@ from tests.simulation.robots import EVERYTHING
 from tests.tasks.hopper_file import HOPPER
 from vgps_ros.programs.__main__ import main
 from vgps_ros.tasks import make_task
-from vgps_ros.wizard.task_check import examine_task, inexact
+from vgps_ros.wizard.task_check import examine_task, explain_inexact_derivatives
 
 PENDULUM = """
 <mujoco>
@@ -376,13 +376,18 @@ def test_a_solver_that_ends_early_is_blamed_before_contact(folder):
     (folder / "pendulum.xml").write_text(text)
     (folder / "task.yaml").write_text(TASK.replace("WEIGHT", "1.0"))
     task = make_task("task.yaml")
-    assert "PGS with a tolerance of 0.0001" in inexact(task, [0.5] * 10)[0]
+    assert "PGS with a tolerance of 0.0001" in explain_inexact_derivatives(task, [0.5] * 10)[0]
     (folder / "pendulum.xml").write_text(PENDULUM.replace("<option ", '<option tolerance="1e-10" '))
-    assert "contact is too hard" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
-    assert not inexact(task, [1e-6] * 10)
+    assert (
+        "contact is too hard" in explain_inexact_derivatives(make_task("task.yaml"), [0.5] * 10)[0]
+    )
+    assert not explain_inexact_derivatives(task, [1e-6] * 10)
     soft = PENDULUM.replace("<option ", '<option tolerance="1e-10" ')
     (folder / "pendulum.xml").write_text(soft.replace("<geom ", '<geom solimp="0 .9" '))
-    assert "abruptly though it is soft" in inexact(make_task("task.yaml"), [0.5] * 10)[0]
+    assert (
+        "abruptly though it is soft"
+        in explain_inexact_derivatives(make_task("task.yaml"), [0.5] * 10)[0]
+    )
 
 
 def test_weights_that_leave_the_noise_to_the_limits_are_named(folder, capsys):

@@ -76,10 +76,10 @@ def test_it_writes_the_result_and_a_policy_that_loads_again(tmp_path, capsys):
         (["--hidden-units", "5", "0"], "hidden_units is 0"),
         (["--seed", "-1"], "seed is -1"),
         (["--method", "vpgs"], "Did you mean 'vgps'?"),
-        (["--hidden-units", "many"], "hidden_units is 'many', but it must be a whole number, from"),
-        (["--iterations", "1_0"], "iterations is '1_0', but it must be a whole number, from 1 to"),
+        (["--hidden-units", "many"], "hidden_units is 'many', but it must be a whole number from"),
+        (["--iterations", "1_0"], "iterations is '1_0', but it must be a whole number from 1 to"),
         (["--iterations", "\u0663"], "but it must be a whole number"),
-        (["--alphas", "1_0"], "alphas is '1_0', but it must be a number, from 1e-09 to"),
+        (["--alphas", "1_0"], "alphas is '1_0', but it must be a number from 1e-09 to"),
         (["--check", "--disturb-body", "hed", "--disturb-push", "1"], "there is no body 'hed'"),
     ],
 )

@@ -37,14 +37,16 @@ def test_the_phase_at_a_time_goes_on_from_step_to_step():
 
 
 def test_a_phase_is_read_back_from_a_context():
-    assert BOTH.phase_of(BOTH.held([0.5, 0.2], 1, first=0.7)[0]) == pytest.approx(0.7)
+    assert BOTH.phase_of(BOTH.constant_context([0.5, 0.2], 1, first=0.7)[0]) == pytest.approx(0.7)
     assert Signals(BOTH.commands).phase_of(np.array([0.5, 0.2])) == 0.0
 
 
 def test_a_task_may_have_a_clock_alone():
     alone = Signals((), frequency=2.0, time_step=0.05)
     assert alone.names == ("clock/sin", "clock/cos")
-    assert_allclose(alone.held([], 3), [[0, 1], *([np.sin(a), np.cos(a)] for a in _angles(1, 2))])
+    assert_allclose(
+        alone.constant_context([], 3), [[0, 1], *([np.sin(a), np.cos(a)] for a in _angles(1, 2))]
+    )
 
 
 def _angles(*steps):
@@ -65,18 +67,18 @@ def test_a_clock_that_stops_is_zero_while_all_commands_are_at_rest():
     assert_array_equal(found[0], [*REST, 0.0, 0.0])
     assert_array_equal(found[1:], turning[1:])
     assert_array_equal(stops.context(commands[0], phases[0]), found[0])
-    assert_array_equal(stops.held(REST, 3), [found[0]] * 3)
+    assert_array_equal(stops.constant_context(REST, 3), [found[0]] * 3)
     assert stops.phase_of(found[0]) == 0.0
 
 
 def test_without_a_clock_a_context_has_the_commands_alone_and_without_both_nothing():
     commands = np.array([[0.5, 0.3]])
     assert_array_equal(Signals(BOTH.commands).context(commands, np.zeros(1)), commands)
-    assert Signals().held([], 4).shape == (4, 0)
+    assert Signals().constant_context([], 4).shape == (4, 0)
 
 
 def test_commands_that_are_held_let_the_clock_go_on():
-    found = BOTH.held([0.5, 0.3], 3, first=0.25)
+    found = BOTH.constant_context([0.5, 0.3], 3, first=0.25)
     assert_array_equal(found[:, :2], [[0.5, 0.3]] * 3)
     assert_allclose(found[:, 2], np.cos(_angles(0, 1, 2)))
 

@@ -328,14 +328,7 @@ def with_a_text_for_a_number(content, arrays):
     content["state"]["history"][0]["alpha"] = "1.0"
 
 
-@pytest.mark.parametrize(
-    "edit",
-    [
-        other_record,
-        without_a_field,
-        with_a_text_for_a_number,
-    ],
-)
+@pytest.mark.parametrize("edit", [other_record, without_a_field, with_a_text_for_a_number])
 def test_one_whose_records_are_others_is_refused(kept, folder, edit):
     edited(folder / NEWEST, edit)
     said: list[str] = []

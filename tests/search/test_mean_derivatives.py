@@ -143,7 +143,7 @@ def test_number_of_threads_does_not_change_a_bit(short_swimmer, first_request):
     ("name", "value", "sentence"),
     [
         ("dynamics_samples", -1, "dynamics_samples is -1, but it must be from 0 to 1000"),
-        ("dynamics_samples", 2.0, "of type float, but it must be of type int"),
+        ("dynamics_samples", 2.0, "dynamics_samples is 2.0, but it must be a whole number"),
         ("dynamic_samples", 4, "dynamics_samples"),
     ],
 )

@@ -9,12 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.marginals import (
-    Spread,
-    recollections,
-    sample_histories,
-    state_covariances,
-)
+from vgps_ros.core.marginals import Spread, recollections, sample_histories, state_covariances
 from vgps_ros.core.memory import PastInputs
 from vgps_ros.core.observation import sample_inputs
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -225,7 +220,7 @@ def test_every_executor_remembers_the_same(cart, rng, lag):
     )
     driver = Driver.of(task.observation, policy)
     assert driver.observation.names == ("slide/position",)
-    law, read = driver.started(), []
+    law, read = driver.new_law(), []
 
     def control_law(t, x):
         read.append(driver.observation(x))
@@ -323,7 +318,7 @@ def test_the_q_step_sees_through_the_memory_to_the_state(cart):
     tellers = {
         (("[slide/position, slide/velocity]", 0)): [-k_x, -k_v],
         (("[slide/position, last_action]", 1)): [
-            *(-k_x - k_v / period, k_v / period, -0.001 * k_v / period),
+            *(-k_x - k_v / period, k_v / period, -0.001 * k_v / period)
         ],
     }
     found = []

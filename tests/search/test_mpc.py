@@ -77,7 +77,7 @@ def test_where_a_plan_has_ended_servos_hold_their_place():
     plan = planner.next_plan(ended, start, 1)
     held = np.tile(task.controls.resting(start), (planner.steps, 1))
     still = Trajectory(task.dynamics.replay(start, held[None])[0], held)
-    context = task.signals.held(task.signals.rest, planner.steps)
+    context = task.signals.constant_context(task.signals.rest, planner.steps)
     assert (
         plan.cost <= task.in_context(context).cost.starting_at(1, planner.steps).values(still).sum()
     )
@@ -204,7 +204,7 @@ def test_plans_follow_commands_and_the_policy_that_continues_them_is_told(told):
     shape = Architecture(task.observation.names, (1,), 1)
     policy = GaussianPolicy(shape, np.zeros(shape.num_parameters), np.ones(1))
     for angle in (-0.5, 0.0, 0.5):
-        context = task.signals.held(np.array([angle, 0.0]), planner.steps)
+        context = task.signals.constant_context(np.array([angle, 0.0]), planner.steps)
         found = plan
         for _ in range(3):
             found = planner.next_plan(found, np.zeros(2), 0, policy, context=context)

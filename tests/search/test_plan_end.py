@@ -9,7 +9,7 @@ import pytest
 from vgps_ros.core.ddp.solve import solve
 from vgps_ros.core.records import Trajectory
 from vgps_ros.search.mpc import MpcSettings, Planner
-from vgps_ros.search.optimization_request import first_request, nominal_of
+from vgps_ros.search.optimization_request import first_request, initial_motion
 from vgps_ros.search.plan_end import PlanEnd
 from vgps_ros.tasks import make_task
 
@@ -33,7 +33,7 @@ def walker():
 
 @pytest.fixture(scope="module")
 def solution(walker):
-    begun = nominal_of(walker, first_request(walker, 0, 50))
+    begun = initial_motion(walker, first_request(walker, 0, 50))
     cost = walker.cost.starting_at(0, walker.planned_horizon)
     return solve(walker.dynamics, cost, begun.trajectory, walker.optimizer.ddp, 50)
 
@@ -88,7 +88,7 @@ def test_how_far_a_walker_has_come_does_not_matter(walker, solution):
 def test_after_a_whole_turn_of_a_pole_all_is_as_before():
     task = make_task("cart_pole")
     cost = task.cost.starting_at(0, task.planned_horizon)
-    begun = nominal_of(task, first_request(task, 0, 20))
+    begun = initial_motion(task, first_request(task, 0, 20))
     found = solve(task.dynamics, cost, begun.trajectory, task.optimizer.ddp, 20)
     end, here = PlanEnd(task, found, 1.0), found.trajectory.states[20] + 0.01
     turn = np.array([0.0, 4.0 * np.pi, 0.0, 0.0])

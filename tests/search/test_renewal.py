@@ -256,13 +256,13 @@ def test_a_policy_without_commands_that_fails_is_led_by_a_known_law(swing):
 
 
 def test_without_commands_the_costliest_of_four_motions_has_the_new_situation(swing, monkeypatch):
-    seen, drive = [], renewal._driven
+    seen, drive = [], renewal._roll_out_policy
 
     def driven(*arguments):
         seen.append(drive(*arguments))
         return seen[-1]
 
-    monkeypatch.setattr(renewal, "_driven", driven)
+    monkeypatch.setattr(renewal, "_roll_out_policy", driven)
     work = begun(swing)
     after, _ = renew(work, work.initial_solutions, work.first_policy(), 2)
     changed = zip(after, work.initial_solutions, strict=True)

@@ -14,7 +14,7 @@ from vgps_ros.core.settings import with_values
 from vgps_ros.search import methods
 from vgps_ros.search.checkpoints import Checkpoints
 from vgps_ros.search.methods import search
-from vgps_ros.search.selection import Tried, is_evaluated, sound_step, try_policy
+from vgps_ros.search.selection import Performance, is_evaluated, sound_step, try_policy
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
 from vgps_ros.tasks import make_task
@@ -43,7 +43,7 @@ def settings(task):
 
 
 def test_success_counts_first_and_then_the_error_and_the_later_one_of_equals():
-    good, better = Tried(None, 3, 0.9, 0.5), Tried(None, 4, 0.95, 0.7)
+    good, better = Performance(None, 3, 0.9, 0.5), Performance(None, 4, 0.95, 0.7)
     assert better.beats(good)
     assert not good.beats(better)
     closer = replace(good, loss=0.4)
@@ -59,7 +59,7 @@ def test_success_counts_first_and_then_the_error_and_the_later_one_of_equals():
 def test_calibrated_commands_may_cost_a_rollout_only_where_they_lower_the_error(
     success, loss, taken
 ):
-    best, calibrated = Tried(None, 4, 0.9, 0.5), Tried(None, 4, success, loss)
+    best, calibrated = Performance(None, 4, 0.9, 0.5), Performance(None, 4, success, loss)
     assert calibrated.is_no_worse_than(best) == taken
 
 

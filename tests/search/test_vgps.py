@@ -17,12 +17,7 @@ from vgps_ros.search.methods import check_search, search
 from vgps_ros.search.metrics import evaluation_metrics
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.rollouts import Executions
-from vgps_ros.search.settings import (
-    SearchSettings,
-    architecture,
-    search_settings,
-    with_preset,
-)
+from vgps_ros.search.settings import SearchSettings, architecture, search_settings, with_preset
 from vgps_ros.search.situations import initial_states
 from vgps_ros.search.trajectory_optimization import optimize, optimize_all
 from vgps_ros.tasks import make_task

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from vgps_ros.core.checks import matching
+from vgps_ros.core.checks import matching_names
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.robot.controls import ControlKind
 from vgps_ros.simulation.controls import controls_of
@@ -80,7 +80,7 @@ def test_without_changes_the_model_is_the_file_s(turtle, compiled):
 def test_what_has_no_name_gets_one(compiled):
     model = compiled()
     assert names(model, "body", model.nbody) == [
-        *("world", "trunk", "left", "right", "right_body", "tail"),
+        *("world", "trunk", "left", "right", "right_body", "tail")
     ]
     assert names(model, "joint", model.njnt) == ["trunk_free", "left_hip", "right_hip", "tail_ball"]
     assert names(model, "geom", 4) == ["floor", "wall", "trunk_geom", "left_geom"]
@@ -164,10 +164,7 @@ def test_explicit_pairs_stay_where_they_are_wanted(compiled):
 
 
 def test_motors_replace_actuators_and_keyframes_still_compile(compiled):
-    model = compiled(
-        remove_actuators=["*"],
-        actuators={"hips": {"joint": "*", "limit": 24.0}},
-    )
+    model = compiled(remove_actuators=["*"], actuators={"hips": {"joint": "*", "limit": 24.0}})
     assert names(model, "actuator", model.nu) == ["left_hip", "right_hip"]
     assert_allclose(model.actuator_ctrlrange, [[-24, 24]] * 2)
     assert_allclose(model.actuator_gear[:, 0], 1)
@@ -336,13 +333,13 @@ def test_gymnasium_s_half_cheetah_is_changed_without_editing_it():
 
 
 def test_patterns_find_names_in_their_order():
-    assert matching("joint", "*_hip", ["b_hip", "knee", "a_hip"]) == ["b_hip", "a_hip"]
-    assert matching("joint", "hip[1]", ["hip1", "hip[1]"]) == ["hip[1]"]
-    assert matching("joint", "*", []) == []
+    assert matching_names("joint", "*_hip", ["b_hip", "knee", "a_hip"]) == ["b_hip", "a_hip"]
+    assert matching_names("joint", "hip[1]", ["hip1", "hip[1]"]) == ["hip[1]"]
+    assert matching_names("joint", "*", []) == []
     with pytest.raises(
         InvalidInputError, match=r"'kne' matches no joint; there are hip, knee. Did"
     ):
-        matching("joint", "kne", ["hip", "knee"])
+        matching_names("joint", "kne", ["hip", "knee"])
 
 
 def test_an_index_picks_parts_by_name_or_number():

@@ -5,7 +5,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from vgps_ros.core.errors import InvalidEntryError
+from vgps_ros.core.errors import InvalidEntryError, InvalidInputError
 from vgps_ros.simulation.model_changes import changed_spec, self_contained
 
 ARM = """
@@ -46,9 +46,7 @@ def changed(path, **changes):
 
 
 @pytest.mark.parametrize(
-    "place",
-    ["<body", '<frame pos=".1 .2 0" euler="0 0 70"><body'],
-    ids=["in a body", "in a frame"],
+    "place", ["<body", '<frame pos=".1 .2 0" euler="0 0 70"><body'], ids=["in a body", "in a frame"]
 )
 @pytest.mark.parametrize(
     "locked",
@@ -112,6 +110,17 @@ def test_a_free_joint_in_place_of_six_moves_the_body_as_they_did(tmp_path):
         one, other = (getattr(each, measure) for each in data)
         np.testing.assert_allclose(one, other, atol=1e-5)
     assert data[0].joint("hip").qacc == pytest.approx(data[1].joint("hip").qacc, rel=1e-4)
+
+
+def test_a_free_joint_is_not_locked(tmp_path):
+    path = tmp_path / "robot.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><freejoint name="float"/><geom size=".1"/><body>'
+        '<joint name="hip"/><geom size=".1"/></body></body></worldbody></mujoco>'
+    )
+    with pytest.raises(InvalidInputError, match="'float' matches no hinge or slide; there are hip"):
+        changed(path, joints={"float": {"lock": 0.0}})
+    assert changed(path, joints={"*": {"lock": 0.0}}).njnt == 1
 
 
 def test_only_a_body_in_the_world_can_be_freed(arm):

@@ -78,6 +78,9 @@ def test_an_archive_takes_no_more_memory_than_its_file_has_bytes(random_distribu
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with pytest.raises(InvalidInputError, match=r"bytes would become 4000.*save it uncompressed"):
         load_distributions(file)
+    np.savez_compressed(file, **{name: np.random.default_rng(0).bytes(8) for name in good})
+    with pytest.raises(InvalidInputError, match="save it uncompressed"):
+        load_distributions(file)
     # An array that says that it is larger than what follows.
     header = {"descr": "<f8", "fortran_order": False, "shape": (10**8,)}
     with zipfile.ZipFile(file, "w") as archive, archive.open("states.npy", "w") as member:

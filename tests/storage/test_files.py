@@ -2,11 +2,28 @@
 """Files appear in one piece, or not at all."""
 
 import os
+from pathlib import Path
+from socket import AF_UNIX, socket
 
 import pytest
 
-from vgps_ros.storage import files
-from vgps_ros.storage.files import part_of, read_json, replacing, write_json
+from vgps_ros.bags.metadata import check_digests
+from vgps_ros.core.errors import InvalidInputError
+from vgps_ros.policies.deployment_file import read_deployment
+from vgps_ros.policies.foreign import read_contract, read_leapp
+from vgps_ros.policies.policy_file import open_policy
+from vgps_ros.storage.files import (
+    part_of,
+    read_archive,
+    read_file,
+    read_json,
+    replacing,
+    write_json,
+)
+from vgps_ros.storage.run_folder import load_distributions
+from vgps_ros.tasks import make_task
+from vgps_ros.tasks.course import course_of
+from vgps_ros.tasks.motion_table import load_demonstration
 
 
 def test_a_file_is_replaced_at_the_end_only(tmp_path):
@@ -57,18 +74,54 @@ def test_a_missing_folder_is_named(tmp_path):
         write_json(path, {})
 
 
-def test_json_that_is_too_large_is_not_parsed(tmp_path, monkeypatch):
+def test_a_file_that_is_too_large_is_not_read(tmp_path):
     path = tmp_path / "a.json"
     write_json(path, [1.5, None])
     size = path.stat().st_size
-    monkeypatch.setattr(files, "_LARGEST_JSON", size)
-    assert read_json(path) == [1.5, None]
-    monkeypatch.setattr(files, "_LARGEST_JSON", size - 1)
-    with pytest.raises(ValueError, match=r"it has 0 MB, but at most 0 MB are read"):
+    assert read_file(path, size) == path.read_bytes()
+    with pytest.raises(OSError, match=r"it has 0 MB, and at most 0 MB are read"):
+        read_file(path, size - 1)
+    with path.open("wb") as file:
+        file.truncate(1 << 40)  # of which the disk holds nothing
+    with pytest.raises(OSError, match=r"it has 1099512 MB, and at most 268 MB are read"):
         read_json(path)
 
 
-def test_a_named_pipe_is_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.json")
-    with pytest.raises(ValueError, match=r"it is no plain file"):
-        read_json(tmp_path / "a.json")
+ROTOR = make_task("rotor")
+READERS = {
+    "json": read_json,
+    "archive": read_archive,
+    "policy": open_policy,
+    "network": lambda path: open_policy(path.rename(path.with_suffix(".onnx"))),
+    "deployment": read_deployment,
+    "distributions": load_distributions,
+    "contract": lambda path: read_contract(path, ["rotor"]),
+    "bundle": lambda path: read_leapp(path, ["rotor"], [0.0]),
+    "motion": lambda path: load_demonstration(ROTOR, path),
+    "course": lambda path: course_of(str(path)),
+    "task": lambda path: make_task(str(path.rename(path.with_suffix(".yaml")))),
+    "digests": lambda path: check_digests(path.rename(path.with_name("SHA256SUMS")).parent),
+}
+
+
+@pytest.mark.parametrize("kind", ["pipe", "/dev/zero", "/dev/full", "folder", "socket"])
+@pytest.mark.parametrize("reader", READERS)
+def test_only_plain_files_are_read(tmp_path, monkeypatch, reader, kind):
+    """A pipe would be waited for, a device never ends."""
+    monkeypatch.chdir(tmp_path)
+    path = Path("a")
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "socket":
+        socket(AF_UNIX).bind(str(path))
+    else:
+        path.symlink_to(kind)
+    with pytest.raises((OSError, InvalidInputError), match="a") as refused:
+        READERS[reader](path)
+    is_known = any(
+        sentence in str(refused.value)
+        for sentence in ("it is no plain file", "There is no file", "Is a directory", "No such dev")
+    )
+    assert is_known, refused.value

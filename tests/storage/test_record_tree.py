@@ -107,7 +107,7 @@ def test_a_tree_of_another_shape_is_refused(tree, sentence):
 @pytest.mark.parametrize("array", [None, np.ones(2, np.float32), np.array(["x"])])
 def test_an_array_that_is_missing_or_of_another_type_is_refused(array):
     arrays = {} if array is None else {"array_0": array}
-    with pytest.raises(InvalidInputError, match="array_0 must be the name of an array"):
+    with pytest.raises(InvalidInputError, match="'array_0' must name an array"):
         from_tree(Array, "array_0", arrays)
 
 

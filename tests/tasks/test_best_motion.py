@@ -10,7 +10,7 @@ from vgps_ros.programs.__main__ import main
 from vgps_ros.search.optimization_request import first_request
 from vgps_ros.search.trajectory_optimization import optimize
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.first_motion import AlongPath, Best, Drawn, Made
+from vgps_ros.tasks.first_motion import AlongPath, Best, FunctionMotion, RandomControls
 from vgps_ros.tasks.sampled_motion import Arrival, SampledMotion
 
 UP = "  - {sensor: tip, index: z, target: 1.0}"
@@ -59,7 +59,9 @@ def test_one_that_falls_is_worse_than_any_that_does_not(tmp_path):
     assert careful.fallen(task.begin.choose()[1].states).any()
 
 
-@pytest.mark.parametrize("kind", [Made, AlongPath, Drawn, Arrival, SampledMotion])
+@pytest.mark.parametrize(
+    "kind", [FunctionMotion, AlongPath, RandomControls, Arrival, SampledMotion]
+)
 def test_it_tries_laws_paths_noise_arrivals_and_short_plans(tmp_path, kind):
     begin = hanging(tmp_path, "{law: best}").begin
     assert isinstance(begin, Best)

@@ -51,8 +51,7 @@ def test_its_model_is_built_of_primitives_in_one_file(name):
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.slow] if n == "hopper" else []) for n in EXPECTED],
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n == "hopper" else []) for n in EXPECTED]
 )
 def test_ddp_lowers_its_cost(name):
     *_, iterations, share = EXPECTED[name]

@@ -16,7 +16,7 @@ from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.simulation.controls import closed_loops, controls_of
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import in_closed_loops
+from vgps_ros.tasks.disturbed_task import with_servos
 
 STIFFNESS, DAMPING = 80.0, 3.0
 GAINS = np.full(2, STIFFNESS), np.full(2, DAMPING)
@@ -42,7 +42,7 @@ def at_last(task, law, steps=150):
 def test_gains_that_chatter_when_they_are_held_for_a_control_period_rest(name, tmp_path):
     task = make_task(write_arm(tmp_path, LEG) if name == "leg" else name)
     motors, n_u = task.controls, len(task.controls.names)
-    served = in_closed_loops(task, np.full(n_u, STIFFNESS), np.full(n_u, DAMPING))
+    served = with_servos(task, np.full(n_u, STIFFNESS), np.full(n_u, DAMPING))
     assert set(served.controls.kinds) == {"position"}
     pose = motors.positions @ task.initial_state
 
@@ -61,7 +61,7 @@ def test_an_executor_knows_closed_loops_without_the_model(name, tmp_path, rng):
     n_u = len(task.controls.names)
     gains = rng.uniform(1.0, 50.0, n_u), rng.uniform(0.0, 2.0, n_u)
     model = compile_model(closed_loops(task.mjcf, *gains))
-    found, expected = task.controls.in_closed_loops(*gains), controls_of(model)
+    found, expected = task.controls.with_servos(*gains), controls_of(model)
     assert (found.kinds, found.units) == (expected.kinds, expected.units)
     for field in dataclasses.fields(found):
         one, other = (getattr(each, field.name) for each in (found, expected))
@@ -71,7 +71,7 @@ def test_an_executor_knows_closed_loops_without_the_model(name, tmp_path, rng):
 
 def test_a_closed_loop_exerts_its_law_within_the_motors_limits(tmp_path, rng):
     task = make_task(write_arm(tmp_path, LEG))
-    served = in_closed_loops(task, *GAINS)
+    served = with_servos(task, *GAINS)
     np.testing.assert_allclose(served.controls.stiffness, STIFFNESS, rtol=1e-15)
     np.testing.assert_allclose(served.controls.damping, DAMPING, rtol=1e-15)
     np.testing.assert_allclose(served.controls.largest, task.controls.largest, rtol=1e-15)
@@ -94,8 +94,8 @@ def test_a_closed_loop_exerts_its_law_within_the_motors_limits(tmp_path, rng):
 def test_gains_that_a_robot_has_already_change_nothing(tmp_path):
     task = make_task(write_arm(tmp_path, SERVOS))
     own = task.controls.stiffness, task.controls.damping
-    assert in_closed_loops(task, *own) is task
-    stiffer = in_closed_loops(task, own[0], own[1] + 2.0)
+    assert with_servos(task, *own) is task
+    stiffer = with_servos(task, own[0], own[1] + 2.0)
     np.testing.assert_allclose(stiffer.controls.damping, 2.0)
     np.testing.assert_allclose(stiffer.controls.scale, 1.0)
 

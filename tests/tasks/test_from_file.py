@@ -87,6 +87,53 @@ def test_a_start_that_is_outside_the_limits_is_refused(changed, old, new, name):
         changed((old, new))
 
 
+KEYS = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <frame pos="1 0 0">
+      <body name="hand" mocap="true" pos="1 2 3"><geom size=".1" contype="0"/></body>
+    </frame>
+    <body name="arm"><joint name="elbow"/><geom size=".1" conaffinity="0"/></body>
+  </worldbody>
+  <equality><weld body1="hand" body2="arm"/></equality>
+  <actuator>
+    <position name="servo" joint="elbow" kp="9" timeconst="0.1"/>
+    <motor name="motor" joint="elbow"/>
+  </actuator>
+  <keyframe>
+    <key name="away" qpos="0.3" mpos="4 5 6" mquat="0 1 0 0" ctrl="0.7 9"/>
+    <key name="other" qpos="0.3" act="0.2" ctrl="0.7 9"/>
+  </keyframe>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("start", "place", "turn", "activation"),
+    [
+        ("", [2, 2, 3], [1, 0, 0, 0], 0.0),
+        ("start: {keyframe: away}", [4, 5, 6], [0, 1, 0, 0], 0.7),
+        ("start: {keyframe: 0}", [4, 5, 6], [0, 1, 0, 0], 0.7),
+        ("start: {keyframe: other}", [2, 2, 3], [1, 0, 0, 0], 0.2),
+    ],
+)
+def test_a_keyframe_places_mocap_bodies_and_what_lags_has_followed_its_control(
+    folder, start, place, turn, activation
+):
+    (folder / "keys.xml").write_text(KEYS)
+    (folder / "keys.yaml").write_text(
+        f"model: keys.xml\ncontrol_period: 0.02\nhorizon: 0.4\ncost: [{{control: all}}]\n{start}\n"
+    )
+    task = make_task(str(folder / "keys.yaml"))
+    data = mujoco.MjData(task.dynamics.model)
+    assert_allclose(data.mocap_pos[0], place)
+    assert_allclose(data.mocap_quat[0], turn)
+    assert_allclose(task.initial_state, [0.3 if start else 0.0, 0.0, activation])
+    again = mujoco.MjModel.from_xml_string(task.mjcf)  # as a bag's reader compiles it
+    assert_allclose(mujoco.MjData(again).mocap_pos[0], place)
+
+
 def test_a_pose_is_held_by_torques_in_the_motors_range(folder, rng):
     task = make_task(str(folder))
     motion = task.begin(task, task.initial_state, 100, rng).trajectory

@@ -13,6 +13,7 @@ import pytest
 from tests.tasks.hopper_file import HOPPER, TASK
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.tasks.builder import load_task
+from vgps_ros.tasks.registry import task_file_of, task_names
 from vgps_ros.tasks.schema import GeomChange, JointChange, Option, Pd
 from vgps_ros.tasks.task_file import (
     SCHEMA_PATH,
@@ -120,15 +121,15 @@ def test_scalars_are_those_of_yaml_1_2(tmp_path, text, value):
 FAULTS = [
     # Keys and values that do not fit: line, key, what would fit, an example.
     ("horizon: 4.0", "horizon: 4 s",
-     "hopper/task.yaml line 14, horizon: it is '4 s', but it must be a number"
-     r": time that is trained on and scored, .* \[s\]; for example `horizon: 4.0`"),
+     "hopper/task.yaml line 14, horizon: it is '4 s', but it must be a number above 0"
+     r" and at most .*: time that is trained on and scored, .* \[s\]; for example `horizon: 4.0`"),
     ("horizon: 4.0", "horizn: 4.0",
      "line 14, horizn: 'horizn' is no key .* Did you mean 'horizon'"),
     ("horizon: 4.0\n", "", "line 1: the key 'horizon' is missing.*`horizon: 4.0`"),
-    ("horizon: 4.0", "horizon: -4.0", "line 14, horizon: it is -4.0, but .* number above 0"),
+    ("horizon: 4.0", "horizon: -4.0", "line 14, horizon: it is -4.0, but it must be above 0"),
     ("horizon: 4.0", "horizon: 1e999", r"line 14, horizon: it is inf, but .* at most 1e\+12"),
     ("horizon: 4.0", f"horizon: {'9' * 5000}", "line 1: this is no plain YAML: .*digits"),
-    ("horizon: 4.0", "horizon: .nan", "line 14, horizon: it is nan, but .* number above 0"),
+    ("horizon: 4.0", "horizon: .nan", "line 14, horizon: it is nan, but it must be above 0"),
     ("horizon: 4.0", "horizon: .inf", r"line 14, horizon: it is inf, but .* at most 1e\+12"),
     ("horizon: 4.0", "horizon: true", "line 14, horizon: it is true, but it must be a number"),
     ("index: x", "indx: x", r"line 25, cost\[0\].indx: .* Did you mean 'index'"),
@@ -146,7 +147,7 @@ FAULTS = [
     ("norm: smooth_abs", "norm: quadratc", r"line 26, cost\[1\].norm: .* mean 'quadratic'"),
     ('[["floor", "*foot"]]', "[" + 32 * "[a, b]," + "]", "line 12, .* a list of length at most 31"),
     ('[["floor", "*foot"]]', "[[floor]]", r"line 12, .*\[0\]: it is a list of 1, but"),
-    ("sensor: velocity", "sensor: ''", r"cost\[0\].sensor: it is .*, .* text of length at least 1"),
+    ("sensor: velocity", "sensor: ''", r"cost\[0\].sensor: it is '', .* text of length from 1"),
     ("search: {", "observe: []\nsearch: {", "line 29, observe: the key stands twice"),
     # Entries that contradict each other.
     ("control_period: 0.01", "control_period: 0.008",
@@ -193,7 +194,7 @@ FAULTS = [
     ("floor: 0.1", "flor: 0.1",
      "line 39, optimizer.ddp.regularization_flor: .* Did you mean 'ddp.reg"),
     ("annealing: 0.5", "annealing: high",
-     "line 39, optimizer.marginals.std_limit_annealing: .* of typ"),
+     "line 39, optimizer.marginals.std_limit_annealing: .* a number"),
     # The model, and what it lacks.
     ("hopper.xml", "hoper.xml", "line 1, model: there is no file .* Did you mean 'hopper.xml'"),
     ("hopper.xml", "reference.csv", "line 1, model: the model is no valid MJCF"),
@@ -305,6 +306,38 @@ def test_the_json_schema_is_the_one_that_the_script_writes():
     )
     text = script["PAGE"].read_text()
     assert text == script["page"](text), "Run `python scripts/write_task_schema.py`."
+
+
+@pytest.mark.parametrize("name", task_names())
+def test_the_json_schema_takes_the_built_in_tasks(name):
+    """An editor that checks by the schema says nothing of them."""
+    jsonschema = pytest.importorskip("jsonschema")  # comes with what runs notebooks
+    content = read_document(task_file_of(name)).data
+    jsonschema.validate(content, json.loads(SCHEMA_PATH.read_text()))
+
+
+@pytest.mark.parametrize(
+    ("key", "settings", "wrong"),
+    [
+        ("search", {"iterations": 0}, "0 is less than the minimum of 1"),
+        ("search", {"iteration": 3}, "'iteration' was unexpected"),
+        ("search", {"fit.late": 2.0}, "2.0 is greater than the maximum of 1.0"),
+        ("search", {"fit": {"late": 2.0}}, "2.0 is greater than the maximum of 1.0"),
+        ("search", {"fit": {"lat": 0.5}}, "'lat' was unexpected"),
+        ("search", {"hidden_units": 5}, "5 is not of type 'array'"),
+        ("search", {"fit": {"optimizer": "sgd"}}, "'sgd' is not one of"),
+        ("search", {"hidden_units": [5, 5], "fit": {"late": 0}, "gps.redraw": True}, ""),
+        ("optimizer", {"ddp": {"regularization_floor": -1}}, "less than the minimum of 0.0"),
+        ("optimizer", {"ddp.regularization_floor": 1}, ""),
+    ],
+)
+def test_the_json_schema_knows_the_settings_nested_or_dotted(key, settings, wrong):
+    jsonschema = pytest.importorskip("jsonschema")
+    schema = json.loads(SCHEMA_PATH.read_text())
+    part = {"$defs": schema["$defs"], **schema["$defs"]["TaskFile"]["properties"][key]}
+    errors = [str(e.message) for e in jsonschema.Draft202012Validator(part).iter_errors(settings)]
+    assert len(errors) == bool(wrong)
+    assert all(wrong in error for error in errors)
 
 
 def test_every_field_has_a_description_and_every_number_a_unit_or_a_reason():

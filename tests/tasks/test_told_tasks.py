@@ -31,7 +31,7 @@ def test_a_policy_reads_the_state_then_the_commands_then_the_clock(tmp_path):
     assert task.signals.names == ("command/speed", "clock/sin", "clock/cos")
     assert task.observation.names == ("rotor/position", "rotor/velocity", *task.signals.names)
     assert task.dims["n_z"] == 3
-    assert_array_equal(task.planned_context, task.signals.held([0.5], 20))
+    assert_array_equal(task.planned_context, task.signals.constant_context([0.5], 20))
     (speed,) = task.signals.commands
     assert (speed.lowest, speed.highest, speed.source, speed.unit) == (
         *(-1.0, 2.0),

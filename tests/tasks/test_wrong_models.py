@@ -30,10 +30,7 @@ cost: [{sensor: shoulder/position}, {control: all, weight: 0.1}]
 MODELS = {
     "no XML": (ARM.replace("</mujoco>", ""), "is no valid MJCF: XML parse error"),
     "unknown element": ({"top": "<robot/>"}, "unrecognized element"),
-    "no joint": (
-        "<mujoco><worldbody><geom size='1'/></worldbody></mujoco>",
-        "has no joint",
-    ),
+    "no joint": ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "has no joint"),
     "no actuator": (ARM.partition("<actuator>")[0] + "</mujoco>", "0 actuators, but it needs"),
     "sleeping": ({"top": '<option><flag sleep="enable"/></option>'}, "lets resting bodies sleep"),
     "no mass": ({"inside": "<body><joint/></body>"}, "mass and inertia of moving bodies"),

@@ -231,10 +231,7 @@ def test_a_plan_is_drawn_where_it_leads_and_one_of_another_robot_is_left_out(rec
     ("mjcf", "sentence"),
     [
         ("<mujoco>", "does not compile"),
-        (
-            "<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>",
-            "has no joint",
-        ),
+        ("<mujoco><worldbody><body><geom size='1'/></body></worldbody></mujoco>", "has no joint"),
         (
             "<mujoco><worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",
             "joints have no name",

@@ -16,7 +16,7 @@ from PIL import Image
 
 from vgps_ros import DRAWS_BY
 from vgps_ros.robot.signals import Command
-from vgps_ros.search.driven import Driven, planar_path
+from vgps_ros.search.commanded_motion import CommandedMotion, planar_path
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.views.filmstrip import RenderingError, filmstrip, frames, write_moving_picture
 from vgps_ros.views.learning_curve import learning_curve
@@ -304,7 +304,7 @@ def test_what_was_driven_stands_beside_what_was_asked(has_path):
     there = np.column_stack([np.linspace(0.0, 1.0, 101), np.zeros(101), np.zeros(101)])
     paths = (there, 1.3 * there) if has_path else (None, None)
     counts = np.arange(100) % 50 >= 10
-    driven = Driven(0.02, 0.0, (speed, angle), asked, done, counts, *paths)
+    driven = CommandedMotion(0.02, 0.0, (speed, angle), asked, done, counts, *paths)
     assert driven.errors == {"forward": pytest.approx(0.1), "aim": pytest.approx(0.2 * 0.5**0.5)}
     *above, first, second = driving(driven).axes
     assert first.get_title(loc="right") == "rms error 0.100 m/s"

@@ -196,15 +196,16 @@ class TestInABrowser:
             assert_steps_are_ours(task, policy, steps_of(view, 50), 1e-4)
             wait_for(view, 2.0)
             view.screenshot(path=tmp_path / "0.png")
-            assert view.evaluate("vgps.command[0]") == pytest.approx(1.0)
-            assert view.evaluate("vgps.done[0]") == pytest.approx(1.0, abs=0.25)
+            fastest = task.signals.commands[0].highest
+            assert view.evaluate("vgps.command[0]") == pytest.approx(fastest)
+            assert view.evaluate("vgps.done[0]") == pytest.approx(fastest, rel=0.25)
             assert view.evaluate("vgps.position[0]") > 1.5
             view.keyboard.up("w")
             before = view.evaluate("vgps.heading")
             view.keyboard.down("q")
-            wait_for(view, 1.5)
+            wait_for(view, 1.0)
+            assert 0.5 < view.evaluate("vgps.heading") - before < 3.0
             view.screenshot(path=tmp_path / "1.png")
-            assert view.evaluate("vgps.heading") - before > 0.5
             view.keyboard.up("q")
             wait_for(view, 0.5)
             pad = view.locator("#push .pad").bounding_box()

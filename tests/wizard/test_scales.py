@@ -9,7 +9,7 @@ from tests.tasks.solving import solved
 from vgps_ros.programs.__main__ import main
 from vgps_ros.tasks import make_task
 from vgps_ros.wizard.legged_scale import legged_numbers, servo_reach
-from vgps_ros.wizard.robot import recognise_robot
+from vgps_ros.wizard.recognition import recognise_robot
 
 FOUR = {"front_left": (1, 1), "front_right": (1, -1), "hind_left": (-1, 1), "hind_right": (-1, -1)}
 TWO = {"left": (0, 1), "right": (0, -1)}

@@ -284,7 +284,7 @@ def _pushes(
 ) -> Callable[[Stamped], Iterator[AppliedForce]]:
     """Returns a function that yields the pushes that may have acted from a state on."""
     bodies, found = BodyFrames(executor.model), list[tuple[int, int, tuple[int, Array, Array]]]()
-    node, _ = executor.parameters.having("push_duration")
+    node, _ = executor.parameters.find_node("push_duration")
     duration = max(executor.parameters.values(node, "push_duration"), default=0.0)
     topic = bag.filled_topics.get("push")
     for received, message in bag.decoded(topic) if topic else ():
@@ -332,7 +332,7 @@ def _check_costs(bag: BagReader, executor: RecordedExecutor, found: BagCheck) ->
 
 def _situations(executor: RecordedExecutor, seed: int) -> list[Task]:
     """Returns the task in each situation of a training; none where the bag does not tell them."""
-    task, (_, own) = executor.task, executor.parameters.having("evaluation_rollouts")
+    task, (_, own) = executor.task, executor.parameters.find_node("evaluation_rollouts")
     if task is None or own.get("demonstration"):
         return []
     settings = search_settings(task)

@@ -263,7 +263,7 @@ def _policies(
             usable: Policy
             if policy:
                 check_robot("The policy", message.robot, executor.robot)
-                usable = executor.learned(policy)
+                usable = executor.remembering_policy(policy)
             else:
                 usable = OnnxPolicy(content or b"", f"The message on {ONNX}", executor.controls)
             executor.check_fits(usable)

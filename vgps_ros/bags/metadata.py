@@ -21,7 +21,7 @@ from typing import Any
 
 import yaml
 
-from vgps_ros.storage.files import replacing
+from vgps_ros.storage.files import open_plain, read_file, replacing
 
 FILE_NAME, DIGESTS = "metadata.yaml", "SHA256SUMS"
 _LARGEST = 2**24  # of a list of digests that is read [bytes]
@@ -155,7 +155,7 @@ def file_digest(path: Path) -> str:
     Raises:
         OSError: it cannot be read.
     """
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -165,10 +165,10 @@ def check_digests(folder: Path) -> list[str] | None:
     Raises:
         OSError: a file cannot be read.
     """
-    path = folder / DIGESTS
-    if not path.is_file() or path.stat().st_size > _LARGEST:
+    try:
+        lines = read_file(folder / DIGESTS, _LARGEST).decode(errors="replace").splitlines()
+    except FileNotFoundError:
         return None
-    lines = path.read_text(errors="replace").splitlines()
     digests = {
         found[2]: found[1]
         for line in lines

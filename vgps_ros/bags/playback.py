@@ -11,9 +11,10 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 from vgps_ros.bags.reader import BagMessage
-from vgps_ros.core.settings import check_settings, setting
+from vgps_ros.core.settings import Range, check_settings
 
 CLOCK_TOPIC, CLOCK_KIND = "/clock", "rosgraph_msgs/msg/Clock"
 
@@ -25,20 +26,19 @@ _SECOND = 10**9  # [ns]
 class PlaybackSettings:
     """Settings of the playback. Their descriptions are what users read."""
 
-    rate: float = setting(
-        1.0, "seconds of the bag per second of the wall clock", minimum=0.01, maximum=100.0
-    )
-    loop: bool = setting(False, "whether to begin again at the end")
-    start_offset: float = setting(
-        0.0, "time after the bag's start at which to begin [s]", minimum=0.0, maximum=1e9
-    )
-    delay: float = setting(
-        1.0,
+    rate: Annotated[
+        float, Range(0.01, 100.0), "seconds of the bag per second of the wall clock"
+    ] = 1.0
+    loop: Annotated[bool, "whether to begin again at the end"] = False
+    start_offset: Annotated[
+        float, Range(0.0, 1e9), "time after the bag's start at which to begin [s]"
+    ] = 0.0
+    delay: Annotated[
+        float,
+        Range(0.0, 3600.0),
         "time before the first message, in which subscribers find the topics [s of the wall clock]",
-        minimum=0.0,
-        maximum=3600.0,
-    )
-    start_paused: bool = setting(False, "whether to wait for a service call before playing")
+    ] = 1.0
+    start_paused: Annotated[bool, "whether to wait for a service call before playing"] = False
 
 
 class Playback:

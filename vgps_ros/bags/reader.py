@@ -14,7 +14,7 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from vgps_ros.bags.metadata import FILE_NAME, is_being_written, storage_files
-from vgps_ros.core.checks import one_of, told
+from vgps_ros.core.checks import error_text, one_of
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.messages.names import GAINS, MJCF, URDF, installed_hash
 
@@ -273,7 +273,7 @@ class BagReader:
                 self._store.register(get_types_from_msg(self._definitions[kind], kind))
             return found()
         except Exception as error:  # of many kinds, raised deep inside rosbags
-            raise InvalidInputError(told(error)) from error
+            raise InvalidInputError(error_text(error)) from error
 
     def _unreadable(self, cause: Exception) -> InvalidInputError:
         """Returns the error of a bag that is not whole."""
@@ -284,7 +284,7 @@ class BagReader:
             sentence = f"The bag '{path}' is still being recorded; end its recorder first."
         else:
             sentence = (
-                f"The bag '{path}' was not closed, or is damaged ({told(cause)}); "
+                f"The bag '{path}' was not closed, or is damaged ({error_text(cause)}); "
                 f"`vgps bag reindex {path}` keeps what can be read."
             )
         return InvalidInputError(sentence)

@@ -125,7 +125,7 @@ class RecordedParameters:
                     value = parameter_value_to_python(parameter.value)
                     self._said[message.node, parameter.name].append(value)
 
-    def having(self, *names: str) -> tuple[str, dict[str, Any]]:
+    def find_node(self, *names: str) -> tuple[str, dict[str, Any]]:
         """Returns the first node that has these parameters, and all that it has; else nothing."""
         found = ((node, own) for node, own in self.nodes.items() if set(names) <= set(own))
         return next(found, ("", {}))
@@ -163,9 +163,9 @@ class RecordedExecutor:
 
     def __init__(self, bag: BagReader, model: mujoco.MjModel):
         self.parameters = RecordedParameters(bag)
-        node, parameters = self.parameters.having("seed", "stochastic")
+        node, parameters = self.parameters.find_node("seed", "stochastic")
         self.node, self.seeds = node, self._seeds(node)
-        _, simulated = self.parameters.having("mode", "real_time_factor")
+        _, simulated = self.parameters.find_node("mode", "real_time_factor")
         self.is_in_lock_step = simulated.get("mode") == "lock_step"
         self.model = model
         self._resting: Array | None = None  # what the safe action holds, while it drives
@@ -214,7 +214,7 @@ class RecordedExecutor:
         found = [*([None] if False in noisy else []), *(seeds if True in noisy else [])]
         return found or [None]
 
-    def learned(self, policy: GaussianPolicy) -> Policy:
+    def remembering_policy(self, policy: GaussianPolicy) -> Policy:
         """Returns the policy, with what it remembers of former steps, if its task names any."""
         observation = self.deployment.observation if self.deployment else None
         if observation and observation.past and policy.observed == observation.names:
@@ -293,6 +293,6 @@ class RecordedExecutor:
         self._resting = None
 
     def agrees(self, control: Array, expected: Array) -> bool:
-        """Returns True if a recorded control is bit for bit one that was sent as a message."""
+        """Returns True if a control is bit for bit the expected one, as a message has it."""
         sent = self.controls.from_joints(self.controls.at_joints(expected))
         return np.array_equal(control, sent)

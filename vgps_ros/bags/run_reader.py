@@ -19,7 +19,7 @@ from vgps_ros.messages.conversions import (
 )
 from vgps_ros.messages.names import CONTEXT
 from vgps_ros.messages.robot_state import JOINTS
-from vgps_ros.search.driven import Driven
+from vgps_ros.search.commanded_motion import CommandedMotion
 from vgps_ros.search.run_record import RunRecord
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.storage.run_folder import RunFolder
@@ -71,12 +71,12 @@ def _read_bag(path: Path, namespace: str | None) -> RunRecord:
             mean_states=last.mean.states if last else None,
             state_covariances=last.state_covariances if last else None,
             executed_states=episode.states if episode else None,
-            driven=_driven(bag, episode) if episode and CONTEXT in topics else None,
+            driven=_commanded_motion(bag, episode) if episode and CONTEXT in topics else None,
             faults=tuple(faults),
         )
 
 
-def _driven(bag: BagReader, episode: Episode) -> Driven | None:
+def _commanded_motion(bag: BagReader, episode: Episode) -> CommandedMotion | None:
     """Reads what the robot was told in the last motion; what is not recorded stays as before."""
     executor = RecordedExecutor(bag, episode.model)
     if executor.task is None:
@@ -93,7 +93,7 @@ def _driven(bag: BagReader, episode: Episode) -> Driven | None:
     latest = np.searchsorted(stamps, asked + 0.5, side="right") - 1
     context = np.array([told[stamp] for stamp in stamps[np.maximum(latest, 0)].tolist()])
     motion = Trajectory(episode.states, np.nan_to_num(episode.controls[1:]))
-    return Driven.of(executor.task, motion, context)
+    return CommandedMotion.of(executor.task, motion, context)
 
 
 def _result(progress: list[Any], policies: list[Any]) -> dict[str, Any] | None:

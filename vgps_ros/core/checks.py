@@ -88,7 +88,7 @@ def from_arrays(kind: type[Record], arrays: Mapping[str, Array]) -> Record:
 
 
 def first_steps(record: Record, steps: int) -> Record:
-    """Returns a record whose arrays run over T or T+1 steps first, cut to T = `steps`."""
+    """Returns a record's first steps: its arrays over T or T+1 steps are cut to T = `steps`."""
     declared = declared_shapes(type(record))
     cut = {n: a[: steps + declared[n].sizes[0].count("+1")] for n, a in arrays_of(record).items()}
     return from_arrays(type(record), cut)
@@ -105,7 +105,7 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
 
 
-def told(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Returns what a library says of an error, as a sentence can end with it: on one short line."""
     return f"{' '.join(str(error).split()):.200}".rstrip(". ")
 
@@ -174,7 +174,7 @@ def check_record(name: str, record: Any, **sizes: int) -> None:
 
     Args:
         name: what the sentence calls the record.
-        record: one whose arrays are declared with `core.arrays.Shape`.
+        record: one whose arrays are declared with `Shape`.
         sizes: value of each symbol in the declared shapes, such as T and n_x.
 
     Raises:
@@ -233,7 +233,7 @@ def check_spelling(what: str, words: Iterable[str], known: Iterable[str]) -> Non
             )
 
 
-def matching(what: str, pattern: str, names: Sequence[str]) -> list[str]:
+def matching_names(what: str, pattern: str, names: Sequence[str]) -> list[str]:
     """Returns the names that a pattern matches, in their order.
 
     Args:
@@ -252,7 +252,7 @@ def matching(what: str, pattern: str, names: Sequence[str]) -> list[str]:
     return found
 
 
-def known(what: str, name: str, names: Sequence[str]) -> str:
+def find_name(what: str, name: str, names: Sequence[str]) -> str:
     """Returns a name if it is among the names.
 
     Raises:

@@ -11,6 +11,7 @@ k would shift the means by a full step that no line search has tried (docs/expla
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from vgps_ros.core.checks import LARGEST_ROUNDING
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.gaussians import covariance_roots, log_density
 from vgps_ros.core.records import Array, LinearDynamics, TrajectoryDistribution
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 
 # A linearisation means nothing for states spread beyond it [m, rad, m/s, rad/s].
 STD_BOUND = 1e6
@@ -49,23 +50,20 @@ class Spread:
 class MarginalSettings:
     """Settings of the marginals' width: from so far away the policy learns to come back."""
 
-    initial_std_factor: float = setting(
-        1.0, "factor on the standard deviation of x_1 that the task names", minimum=0.0,
-        maximum=100.0,
-    )  # fmt: skip
-    velocity_noise: float = setting(
-        0.0,
+    initial_std_factor: Annotated[
+        float, Range(0.0, 100.0), "factor on the standard deviation of x_1 that the task names"
+    ] = 1.0
+    velocity_noise: Annotated[
+        float,
+        Range(0.0, 10.0),
         "standard deviation of the noise Sigma_f that each step adds to each velocity [m/s, rad/s]",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    std_limit_annealing: float = setting(
-        0.0,
+    ] = 0.0
+    std_limit_annealing: Annotated[
+        float,
+        Range(0.0, 10.0),
         "exponent p of the task's limits on the standard deviations, times alpha^p: with p > 0 "
         "the region that the policy is fitted in shrinks as alpha falls",
-        minimum=0.0,
-        maximum=10.0,
-    )
+    ] = 0.0
 
     def spread(
         self, initial_std: Array, std_limit: Array, velocities: slice, alpha: float
@@ -192,7 +190,7 @@ def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Ar
     correlations = sigma[:-1] / (std[:, :, None] * std[:, None])
     widened = correlations + _LEAST_CORRELATION * np.eye(std.shape[1])
 
-    def given(crossed: Array) -> Array:
+    def regression_gains(crossed: Array) -> Array:
         """Returns C Σ_t⁻¹ for covariances with x_t, shape (T, m, n_dx)."""
         scaled = np.swapaxes(crossed / std[:, None], 1, 2)
         return np.asarray(np.swapaxes(np.linalg.solve(widened, scaled), 1, 2) / std[:, None])
@@ -205,11 +203,11 @@ def recollections(distribution: TrajectoryDistribution, length: int) -> tuple[Ar
             after = crossed @ np.swapaxes(closed[i], 1, 2)
             after *= narrowing[i][:, :, None] * narrowing[i][:, None]
             crossed = np.where((steps >= lag)[:, None, None], after, crossed)
-        found.append(given(crossed))
+        found.append(regression_gains(crossed))
     i = np.maximum(steps - 1, 0)
     crossed = q.gains[i] @ sigma[i] @ np.swapaxes(closed[i], 1, 2)
     crossed += q.control_covariances[i] @ np.swapaxes(f.f_u[i], 1, 2)
-    acted = given(crossed * narrowing[i][:, None])
+    acted = regression_gains(crossed * narrowing[i][:, None])
     acted[0] = 0.0
     return np.stack(found), acted
 

@@ -142,7 +142,7 @@ class GaussianPolicy:
             positive("policy.noise_std", std)
 
     def check_fits(self, observed: tuple[str, ...], control_dim: int) -> None:
-        """Checks that the policy reads what one of its task observes, and has n_u controls.
+        """Checks that the policy reads what its task observes, and has n_u controls.
 
         Raises:
             InvalidInputError: it reads something else, or has other controls.

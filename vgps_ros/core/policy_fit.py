@@ -72,7 +72,7 @@ def draw_targets(
             inputs, means = _late(q, observation, deviations, inputs, means, late, rng)
         pooled = (a.reshape(-1, a.shape[-1]) for a in (inputs, means, variances))
         parts.append(Targets(*pooled))
-    return join_targets(parts)
+    return _join_targets(parts)
 
 
 def _late(
@@ -107,7 +107,7 @@ def _late(
     return inputs, means
 
 
-def join_targets(parts: Sequence[Targets]) -> Targets:
+def _join_targets(parts: Sequence[Targets]) -> Targets:
     """Returns the samples of several parts together."""
     columns = ((part.inputs, part.means, part.variances) for part in parts)
     return Targets(*(np.concatenate(column) for column in zip(*columns, strict=True)))
@@ -168,14 +168,14 @@ def fit_policy(
         limits: the lowest and highest controls that are taught, shape (n_u,) each; a feedback that
             asks for more is taught as them.
     """
-    pool = join_targets(replay) if replay else None
+    pool = _join_targets(replay) if replay else None
 
     def samples() -> Iterator[Targets]:
         while True:
             count, late = settings.samples_per_step, settings.late
             drawn = draw_targets(distributions, observation, count, rng, late)
             replayed = [_share(pool, settings.replayed, rng)] if pool else []
-            found = join_targets([drawn, *visited, *replayed])
+            found = _join_targets([drawn, *visited, *replayed])
             if limits:
                 found = replace(found, means=np.clip(found.means, *limits))
             if augmentation:

@@ -9,9 +9,9 @@ from enum import IntEnum
 
 import numpy as np
 
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 
-SEED = Setting("seed", 0, "seed of all random draws", minimum=0, maximum=2**62)
+SEED = Setting("seed", 0, Range(0, 2**62), "seed of all random draws")
 
 
 class Stream(IntEnum):

@@ -209,11 +209,7 @@ def result_from_msg(
 
 
 def _settings_from(message: OptimizeTrajectory.Response) -> OptimizerSettings:
-    """Returns the settings that an answer names, all of which it must name.
-
-    Raises:
-        InvalidInputError: a setting is missing, unknown or out of range.
-    """
+    """Returns the settings that an answer names, all of which it must name."""
     given = {one.name: Parameter.from_parameter_msg(one).value for one in message.settings}
     settings = OptimizerSettings()
     for setting in settings_of(settings):

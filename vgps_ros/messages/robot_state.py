@@ -53,7 +53,7 @@ TOPICS = ("odom", "multi_dof_joint_states", "activations", "joint_states")
 ODOMETRY, BODIES, ACTIVATIONS, JOINTS = TOPICS
 IMU = "imu"
 _UNIT_TOLERANCE = 1e-3  # of a quaternion's length: a driver may compute in single precision
-_PATIENCE = 1000  # incomplete states that are kept
+_MOST_WAITING = 1000  # incomplete states that are kept
 _DRIVERS = 64  # sets of joints whose velocities are differences
 
 
@@ -126,8 +126,8 @@ class StateMessages:
         is_told = not self._planar or not names.isdisjoint(self._planar.joints)
         return not (is_told or self.lacking_joints(names))
 
-    def lacking(self, messages: Mapping[str, Any]) -> list[str]:
-        """Returns the topics whose messages lack to join messages, by topic, to a state."""
+    def missing_topics(self, messages: Mapping[str, Any]) -> list[str]:
+        """Returns the topics from which a message lacks before these, by topic, make a state."""
         lacking = [topic for topic in self.needed if topic not in messages]
         if JOINTS in messages:
             if self.lacking_joints(set(messages[JOINTS].name)):
@@ -138,7 +138,7 @@ class StateMessages:
 
     def is_complete(self, messages: Mapping[str, Any]) -> bool:
         """Returns whether messages of one stamp, by topic, can be joined to a state."""
-        return not self.lacking(messages)
+        return not self.missing_topics(messages)
 
     def subscribe(
         self,
@@ -164,7 +164,7 @@ class StateMessages:
             odometry = messages[ODOMETRY]
             odometry.header.frame_id, odometry.child_frame_id = "odom", self.base.name
             pose, twist = odometry.pose.pose, odometry.twist.twist
-            write_body(self.base, x, pose.position, pose.orientation, twist)
+            _write_body(self.base, x, pose.position, pose.orientation, twist)
         if self._bodies:
             several = messages[BODIES]
             several.joint_names = [body.name for body in self._bodies]
@@ -172,7 +172,7 @@ class StateMessages:
             several.twist = [Twist() for _ in self._bodies]
             for i, body in enumerate(self._bodies):
                 at = several.transforms[i]
-                write_body(body, x, at.translation, at.rotation, several.twist[i])
+                _write_body(body, x, at.translation, at.rotation, several.twist[i])
         if self._actuators:
             activations = messages[ACTIVATIONS]
             activations.name = self._actuators
@@ -208,7 +208,7 @@ class StateMessages:
                 )
             pose, twist = odometry.pose.pose, odometry.twist.twist
             parts = x, ODOMETRY, pose.position, pose.orientation, twist
-            read_body(base, *parts) if isinstance(base, BodyJoint) else read_planar(base, *parts)
+            read_body(base, *parts) if isinstance(base, BodyJoint) else _read_planar(base, *parts)
         if self._bodies:
             several = messages[BODIES]
             names = tuple(several.joint_names)
@@ -229,7 +229,7 @@ class StateMessages:
         return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
 
     def _read_imu(self, x: Array, imu: Any) -> None:
-        """Writes how the base is turned and turns to x, and that it is at the world's origin."""
+        """Writes orientation and angular velocity of the base to x; its place is the origin."""
         assert self.base is not None
         for what in ("orientation", "angular_velocity"):
             if getattr(imu, f"{what}_covariance")[0] == -1.0:  # so says sensor_msgs/Imu
@@ -276,7 +276,7 @@ class StateCollector:
         parts = [messages[topic]] if topic == JOINTS and topic in messages else []
         messages[topic] = joined_joints([*parts, message]) if parts else message
         if not self._is_complete(messages):
-            if len(self._waiting) > _PATIENCE:
+            if len(self._waiting) > _MOST_WAITING:
                 del self._waiting[next(iter(self._waiting))]
             return None
         # Messages from before belong to states whose other messages were lost: topics keep order.
@@ -303,7 +303,7 @@ def joined_joints(parts: Sequence[Any]) -> Any:
     return joined
 
 
-class JointParts:
+class _JointParts:
     """Joins messages on `joint_states`, of which each may name some of the joints only.
 
     The newest parts are one message once each joint is among them, and again when the oldest part
@@ -408,7 +408,7 @@ class NewestMeasurements:
             often, so that no policy runs faster than it learned [s].
         is_simulated: whether each message is used once, since a state of a simulation may come
             again with other values.
-        smoothing: see `JointParts`, as `tell`.
+        smoothing: see `_JointParts`, as `tell`.
         tell: called before the first velocities that are differences.
     """
 
@@ -422,9 +422,9 @@ class NewestMeasurements:
         *,
         is_simulated: bool = False,
     ):
-        self._lacking, self._is_simulated = states.lacking, is_simulated
+        self._lacking, self._is_simulated = states.missing_topics, is_simulated
         self._tolerance, self._period = round(tolerance * 1e9), round(period * 1e9)  # [ns]
-        self._joints = JointParts(states, self._tolerance, smoothing, tell)
+        self._joints = _JointParts(states, self._tolerance, smoothing, tell)
         self._newest: dict[str, Any] = {}
         self._due, self._last = 0, 0  # stamps of the next state that is wanted, and of the last
         self._is_new = False  # whether the newest joint states have made no state yet
@@ -503,7 +503,7 @@ def readings_of_place(base: BodyJoint, start: Array, *read: StateReadings) -> li
     return found
 
 
-def write_body(body: BodyJoint, x: Array, position: Any, orientation: Any, twist: Any) -> None:
+def _write_body(body: BodyJoint, x: Array, position: Any, orientation: Any, twist: Any) -> None:
     """Writes what x says of a body to the parts of a message; the twist is in the body's axes."""
     at, rotation, linear, angular = body.parts(x)
     put(orientation, "wxyz", rotation)
@@ -535,16 +535,13 @@ def read_body(
         linear[:] = rotate(along, rotation)
 
 
-def read_planar(
+def _read_planar(
     base: PlanarBase, x: Array, topic: str, position: Any, orientation: Any, twist: Any
 ) -> None:
     """Writes what the parts of a message of odometry say of a planar base's joints to x.
 
     The hinge's angle is within half a turn of its initial one. What the joints cannot follow,
     such as a tilt out of the plane, is left out.
-
-    Raises:
-        InvalidInputError: a number is not finite, or the orientation is no unit quaternion.
     """
     free, moved = BodyJoint(base.name, True, 0, 7), np.empty(13)
     read_body(free, moved, topic, position, orientation, twist)

@@ -7,7 +7,9 @@ before it in use; where that one becomes too old, the safe action drives until a
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.node import Node
@@ -18,7 +20,7 @@ from vgps_ros.core.cost import FeatureCost
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting, settings_of
 from vgps_ros.messages.conversions import plan_to_msg, stamp_of
 from vgps_ros.messages.names import PLAN_AGE, PLAN_COST, PLAN_DURATION
 from vgps_ros.ros_runtime.controller import Controller
@@ -41,13 +43,29 @@ from vgps_ros.tasks.registry import TASK
 PLAN_EVERY = Setting(
     "plan_every",
     1,
+    Range(0, 1000),
     "states between two plans, where each plan's state waits for it, as a simulation in lock-step "
     "does; 0: plans are made one after another beside the answers, which real time needs",
-    minimum=0,
-    maximum=1000,
 )
-_READINGS, _TARGETS, _WEIGHTS = "cost.readings", "cost.targets", "cost.weights"
 _PERIOD = 1.0  # over which the rate of the plans is counted [s]
+
+
+@dataclass(frozen=True)
+class _CostSettings:
+    """What can be changed of the cost."""
+
+    readings: Annotated[
+        tuple[str, ...],
+        "the readings of the cost to which cost.targets and cost.weights belong, given by the task",
+    ]
+    targets: Annotated[
+        tuple[float, ...],
+        Range(-LARGEST_ADJUSTMENT, LARGEST_ADJUSTMENT),
+        "their targets, from the next plan on [units of the readings]",
+    ]
+    weights: Annotated[
+        tuple[float, ...], Range(0.0, LARGEST_ADJUSTMENT), "their weights, from the next plan on"
+    ]
 
 
 class Mpc(Controller):
@@ -64,7 +82,7 @@ class Mpc(Controller):
         prepare(task)
         planner = Planner(task, settings)
         self._steps = planner.steps
-        declare_cost(self, task.cost, partial(setattr, planner, "cost"))
+        _declare_cost(self, task.cost, partial(setattr, planner, "cost"))
         self._since, self._count = time.monotonic(), 0  # of plans
         self._plans = self.create_publisher(PlanMsg, "plan", STREAM)
         self._horizon = PlanFollower(planner, every, seed, self._take_plan)
@@ -110,7 +128,7 @@ class Mpc(Controller):
         self._plans.publish(plan_to_msg(plan, self._task, seconds, stamp))
 
 
-def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:
+def _declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], object]) -> None:
     """Declares the cost's targets and weights as parameters, where it has any that can be changed.
 
     `take` is called with the cost, now and after each change.
@@ -118,31 +136,14 @@ def declare_cost(node: Node, cost: FeatureCost, take: Callable[[FeatureCost], ob
     changed = adjustable(cost)
     if not changed.names:
         return
-    readings = Setting(
-        _READINGS,
-        changed.names,
-        "the readings of the cost to which cost.targets and cost.weights belong, given by the task",
-    )
-    targets = Setting(
-        _TARGETS,
-        tuple(changed.targets.tolist()),
-        "their targets, from the next plan on [units of the readings]",
-        minimum=-LARGEST_ADJUSTMENT,
-        maximum=LARGEST_ADJUSTMENT,
-    )
-    weights = Setting(
-        _WEIGHTS,
-        tuple(changed.weights.tolist()),
-        "their weights, from the next plan on",
-        minimum=0.0,
-        maximum=LARGEST_ADJUSTMENT,
-    )
+    values = (tuple(array.tolist()) for array in (changed.targets, changed.weights))
+    readings, targets, weights = settings_of(_CostSettings(changed.names, *values), "cost.")
     declare_fact(node, readings)
     for setting in (targets, weights):
         declare(node, setting, may_change=True, also_check=changed.check_count)
 
     def adjust(parameters: list[Parameter]) -> None:
-        if {p.name for p in parameters} & {_TARGETS, _WEIGHTS}:
+        if {p.name for p in parameters} & {targets.name, weights.name}:
             take(changed(value(node, targets), value(node, weights)))
 
     node.add_post_set_parameters_callback(adjust)

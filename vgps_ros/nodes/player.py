@@ -5,11 +5,11 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, takewhile
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException
@@ -40,27 +40,14 @@ from vgps_ros.bags.playback import (
 )
 from vgps_ros.bags.reader import BagMessage, BagReader
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range
 from vgps_ros.messages.conversions import nanoseconds
 from vgps_ros.messages.names import installed_hash, message_type
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import TopicFilter, declare, declare_settings
+from vgps_ros.ros_runtime.parameters import TopicFilter, declare_settings
 from vgps_ros.ros_runtime.qos import CALLS
 from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import steady_timer
-
-BAG = Setting("bag", "", "folder of the bag; must be given")
-INCLUDE = Setting("include", (".*",), "regular expressions of topics to play")
-EXCLUDE = Setting("exclude", ("^$",), "regular expressions of topics to leave out")
-CLOCK_RATE = Setting(
-    "clock_rate",
-    0.0,
-    "publication rate of /clock, from the times of receipt [Hz of the wall clock]; 0: as recorded",
-    minimum=0.0,
-    maximum=10000.0,
-)
-
-STAY = Setting("stay", False, "whether to wait for ~/play where the bag ends, or ~/stop ends it")
 
 _LOOK_PERIOD = 1.0  # between two values on /diagnostics [s]
 _LOG_LOOKS = 5  # values for one line in the log
@@ -69,25 +56,39 @@ _SENT_DEPTH = 10_000  # messages of a topic that may wait to be acknowledged
 _LATCHED_DEPTH = 10  # messages of a latched topic that those who come later get
 
 
+@dataclass(frozen=True)
+class _PlayerSettings(PlaybackSettings):
+    """Settings of the player. Their descriptions are what users read."""
+
+    bag: Annotated[str, "folder of the bag; must be given"] = ""
+    include: Annotated[tuple[str, ...], "regular expressions of topics to play"] = (".*",)
+    exclude: Annotated[tuple[str, ...], "regular expressions of topics to leave out"] = ("^$",)
+    clock_rate: Annotated[
+        float,
+        Range(0.0, 1e4),
+        "publication rate of /clock, from the times of receipt [Hz of the wall clock]; 0: as "
+        "recorded",
+    ] = 0.0
+    stay: Annotated[bool, "whether to wait for ~/play where the bag ends, or ~/stop ends it"] = (
+        False
+    )
+
+
 class Player(Node):
     """Plays in a thread of its own; the node's services and diagnostics run beside it."""
 
     def __init__(self) -> None:
         super().__init__("player")
-        path = declare(self, BAG)
-        self._settings = declare_settings(self, PlaybackSettings())
-        include, exclude = (declare(self, s) for s in (INCLUDE, EXCLUDE))
-        self._clock_rate = declare(self, CLOCK_RATE)
-        self._stays = declare(self, STAY)
+        self._settings = settings = declare_settings(self, _PlayerSettings())
         self._health = Health(self)
-        if not path:
+        if not settings.bag:
             raise InvalidInputError("bag is '', but it must name the folder of a bag.")
-        self._bag = BagReader(Path(path))
+        self._bag = BagReader(Path(settings.bag))
         self._duration = self._bag.duration * 1e-9  # [s]
         self._replayed: dict[str, Publisher] = {}
         self._played: Counter[str] = Counter()
         self._is_closing = threading.Event()
-        self._topics = self._add_topics(TopicFilter(include, exclude))
+        self._topics = self._add_topics(TopicFilter(settings.include, settings.exclude))
         self._prepare(self._settings)
         self._error: VgpsError | None = None
         self._looks = 0
@@ -108,7 +109,7 @@ class Player(Node):
         steady_timer(self, _LOOK_PERIOD, self._look)
         self._end = self.create_guard_condition(self._on_end)
         self.get_logger().info(
-            f"Plays {len(self._topics)} topics of {path}, {self._duration:.1f} s long, "
+            f"Plays {len(self._topics)} topics of {settings.bag}, {self._duration:.1f} s long, "
             f"at rate {self._settings.rate:g}{', paused' * self._settings.start_paused}."
         )
         # Not here: a signal may still end this constructor, and a running thread would keep the
@@ -139,7 +140,7 @@ class Player(Node):
             self.get_logger().warning(f"Leaves out {', '.join(sorted(left_out))}, by the patterns.")
         topics: list[str] = []
         for topic, kind in filled.items():
-            if topic in left_out or (topic == CLOCK_TOPIC and self._clock_rate):
+            if topic in left_out or (topic == CLOCK_TOPIC and self._settings.clock_rate):
                 continue
             try:
                 self._add(topic, kind, hashes[topic], qos[topic])
@@ -151,19 +152,15 @@ class Player(Node):
                 f"No topic of '{self._bag.path}' is left to play; it has "
                 f"{', '.join(sorted(filled))}."
             )
-        if self._clock_rate:
+        if self._settings.clock_rate:
             self._add(CLOCK_TOPIC, CLOCK_KIND)
         return topics
 
     def _add(
         self, topic: str, kind: str, type_hash: str = "", offered: Sequence[dict[str, Any]] = ()
     ) -> None:
-        """Makes a publisher for a topic as the bag describes it.
-
-        Raises:
-            InvalidInputError: the type is not installed, or has other fields than it had.
-        """
-        found, profile = message_type(kind), matching_profile(offered)
+        """Makes a publisher for a topic as the bag describes it."""
+        found, profile = message_type(kind), _matching_profile(offered)
         if type_hash and type_hash != (installed_hash(kind) or type_hash):
             raise InvalidInputError(
                 f"the type {kind} was recorded with other fields than the installed one has; "
@@ -176,11 +173,10 @@ class Player(Node):
 
         def read() -> Iterable[BagMessage]:
             messages = takewhile(lambda m: m.stamp <= until, self._bag.messages(self._topics))
-            if not self._clock_rate:
+            if not self._settings.clock_rate:
                 return messages
-            return with_clock(
-                messages, lambda: max(1, round(1e9 * self._playback.rate / self._clock_rate))
-            )
+            rate = self._settings.clock_rate
+            return with_clock(messages, lambda: max(1, round(1e9 * self._playback.rate / rate)))
 
         self._is_stopped = False  # by ~/stop
         self._playback = Playback(read, self._publish, self._bag.start, settings)
@@ -232,7 +228,7 @@ class Player(Node):
     def _on_end(self) -> None:
         if self._error:
             raise self._error
-        if not self._stays:
+        if not self._settings.stay:
             raise ExternalShutdownException
         self.get_logger().info("Played to the end; ~/play plays again.")
 
@@ -294,7 +290,7 @@ class Player(Node):
         if position > self._bag.duration or self._playback.ended:
             return response
         self._playback.seek(position)
-        if self._clock_rate:  # also while it is paused
+        if self._settings.clock_rate:  # also while it is paused
             self._publish(ClockTick.at(self._bag.start + position))
         response.success = True
         self._log("Seeks")
@@ -322,7 +318,7 @@ class Player(Node):
         return response
 
 
-def matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+def _matching_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     """Returns a profile that matches whom any of the recorded publishers matched."""
     reliable = not offered or any(p["reliability"] != "best_effort" for p in offered)
     latched = any(p["durability"] == "transient_local" for p in offered)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import yaml
 from rcl_interfaces.msg import ParameterEvent
@@ -20,19 +20,14 @@ from rclpy.duration import Duration
 from rclpy.event_handler import QoSMessageLostInfo, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_profile_parameter_events,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_parameter_events
 from rclpy.task import Future
 from rosbag2_interfaces.srv import IsPaused, Pause, Resume
 
 from vgps_ros.bags import BagWriter
-from vgps_ros.bags.writer import COMPRESSIONS, UnfinishedBagError
+from vgps_ros.bags.writer import UnfinishedBagError
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 from vgps_ros.messages.names import message_type
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import TopicFilter, declare_settings
@@ -56,30 +51,31 @@ _WEAKER = (
 
 
 @dataclass(frozen=True)
-class RecorderSettings:
+class _RecorderSettings:
     """Settings of the recorder. Their descriptions are what users read."""
 
-    output: str = setting("", "folder of the bag, which must not exist; empty: bag-DATE-TIME here")
-    include: tuple[str, ...] = setting((".*",), "regular expressions of topics to record")
-    exclude: tuple[str, ...] = setting(("^$",), "regular expressions of topics to leave out")
-    services: bool = setting(False, "whether to record the events of services that publish them")
-    actions: bool = setting(False, "whether to record status and feedback of actions")
-    compression: str = setting(
-        "none", "of the bag's chunks; zstd is smallest", choices=COMPRESSIONS
+    output: Annotated[str, "folder of the bag, which must not exist; empty: bag-DATE-TIME here"] = (
+        ""
     )
-    max_file_size: float = setting(
-        0.0, "begin a new file beyond this size [MB]; 0: never", minimum=0.0
-    )
-    max_file_duration: float = setting(
-        0.0, "begin a new file after this time [s]; 0: never", minimum=0.0
-    )
-    cache_size: float = setting(
-        100.0,
+    include: Annotated[tuple[str, ...], "regular expressions of topics to record"] = (".*",)
+    exclude: Annotated[tuple[str, ...], "regular expressions of topics to leave out"] = ("^$",)
+    services: Annotated[bool, "whether to record the events of services that publish them"] = False
+    actions: Annotated[bool, "whether to record status and feedback of actions"] = False
+    compression: Annotated[
+        Literal["none", "lz4", "zstd"], "of the bag's chunks; zstd is smallest"
+    ] = "none"
+    max_file_size: Annotated[
+        float, Range(0.0), "begin a new file beyond this size [MB]; 0: never"
+    ] = 0.0
+    max_file_duration: Annotated[
+        float, Range(0.0), "begin a new file after this time [s]; 0: never"
+    ] = 0.0
+    cache_size: Annotated[
+        float,
+        Range(1.0, 1e5),
         "messages that may wait in memory for a slow disk; more than these are lost [MB]",
-        minimum=1.0,
-        maximum=1e5,
-    )
-    start_paused: bool = setting(False, "whether to wait for ~/resume before recording")
+    ] = 100.0
+    start_paused: Annotated[bool, "whether to wait for ~/resume before recording"] = False
 
 
 class Recorder(Node):
@@ -87,7 +83,7 @@ class Recorder(Node):
 
     def __init__(self) -> None:
         super().__init__("recorder")
-        settings = declare_settings(self, RecorderSettings())
+        settings = declare_settings(self, _RecorderSettings())
         self._with_services, self._with_actions = settings.services, settings.actions
         self._filter = TopicFilter(settings.include, settings.exclude)
         self._cache_size = settings.cache_size
@@ -199,7 +195,7 @@ class Recorder(Node):
             incompatible_qos=lambda _: self._health.report(topic, warning=_WEAKER.format(topic)),
             use_default_callbacks=False,
         )
-        qos = strongest_profile(offered)
+        qos = _strongest_profile(offered)
         # rclpy's types do not know that a callback may take the message's times too.
         write: Any = partial(self._write, topic)
         self.create_subscription(kind_class, topic, write, qos, event_callbacks=events, raw=True)
@@ -243,7 +239,7 @@ def profile_in_bag(profile: QoSProfile) -> dict[str, Any]:
     }
 
 
-def strongest_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
+def _strongest_profile(offered: Sequence[dict[str, Any]]) -> QoSProfile:
     """Returns the strongest profile that all publishers of a topic offer, for a subscription."""
     latched = all(profile["durability"] == "transient_local" for profile in offered)
     reliable = all(profile["reliability"] == "reliable" for profile in offered)

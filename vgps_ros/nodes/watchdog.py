@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from vgps_ros.core.checks import quote
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, value
 from vgps_ros.ros_runtime.qos import NEWEST, STATES
@@ -26,9 +26,8 @@ from vgps_ros.ros_runtime.services import steady_timer
 SILENCE = Setting(
     "silence",
     0.1,
+    Range(0.001, 10.0),
     "time after a torque other than zero from which on the next one is missed [s]",
-    minimum=0.001,
-    maximum=10.0,
 )
 TOPICS = {"joint_command": JointState, "commands": Float64MultiArray}
 STOPPED_BY_ZERO = ("effort", "velocity")

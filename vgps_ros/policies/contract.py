@@ -29,7 +29,7 @@ _ROTATION = tuple(f"{BASE}/q{axis}" for axis in "wxyz")
 _VELOCITY = tuple(f"{BASE}/v{axis}" for axis in "xyz")
 VELOCITY_COMMANDS = ("cmd_vel/linear/x", "cmd_vel/linear/y", "cmd_vel/angular/z")
 HELD, STATE = "held_joint_names", "state_initial"
-TOLD = ("command/", "clock/", "cmd_vel/")
+CONTEXTS = ("command/", "clock/", "cmd_vel/")
 # Each term with the other names of it; the joints' are `joint_pos`, `joint_vel`, `last_action`.
 TERMS: dict[str, tuple[str, ...]] = {
     "base_lin_vel": ("lin_vel",),
@@ -169,7 +169,7 @@ class Contract:
         looped = [self.all_joints[i] for i in self.looped]
         looped_names = [f"{joint}/{kind}" for kind in _OF_JOINTS.values() for joint in looped]
         read = dict.fromkeys([*(each for term in self.terms for each in term.read), *looped_names])
-        self.observed = tuple(sorted(read, key=lambda each: each.startswith(TOLD)))
+        self.observed = tuple(sorted(read, key=lambda each: each.startswith(CONTEXTS)))
         places = {each: i for i, each in enumerate(self.observed)}
         self._told = [places[each] for each in VELOCITY_COMMANDS if each in places]
         self._columns = [[places[each] for each in term.read] for term in self.terms]

@@ -13,15 +13,26 @@ fitted to the model's readings, and tried on states that it was not fitted to.
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from vgps_ros.core.checks import nearest, quote
+from vgps_ros.core.checks import (
+    Shape,
+    array_shapes,
+    check_array,
+    check_record,
+    error_text,
+    nearest,
+    one_of,
+    quote,
+)
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.memory import PastInputs
 from vgps_ros.core.observation import Observation
@@ -29,12 +40,13 @@ from vgps_ros.core.records import Array
 from vgps_ros.robot.bodies import StateLayout
 from vgps_ros.robot.controls import Controls
 from vgps_ros.robot.deployment import Conditions, Deployment, Reader
-from vgps_ros.robot.signals import Signals
-from vgps_ros.storage.files import from_entries, read_json, to_tree, write_json
+from vgps_ros.robot.signals import SOURCE, Signals
+from vgps_ros.storage.files import Text, from_tree, read_json, to_tree, write_json
 
 _FORMAT = 2
 _EPS = 1e-6  # perturbation of the finite differences
 _EXACT = 1e-9  # largest deviation of a reading from what is fitted to it
+_MOST, _LONGEST = 2000, 10**7  # names of a kind, and steps of a horizon
 _DIGITS = 12  # to which the weights are rounded, so that 0 and 1 are exact
 
 DEPLOYMENT = ".json"  # how the name of a deployment file ends
@@ -114,16 +126,16 @@ class _Content:
     """Holds what a deployment file says."""
 
     name: str
-    mjcf: str
+    mjcf: Text
     time_step: float
     horizon: int
     layout: StateLayout
     controls: Controls
     signals: Signals
-    initial_state: Array
+    initial_state: Annotated[Array, Shape("n_x")]
     keyframes: tuple[str, ...]
-    poses: Array
-    forces: Array
+    poses: Annotated[Array, Shape("keyframes", "n_x")]
+    forces: Annotated[Array, Shape("keyframes+1", "n_u")]
     read: tuple[str, ...]
     told: tuple[str, ...]
     past: PastInputs | None
@@ -131,7 +143,7 @@ class _Content:
     lowest: Array
     highest: Array
     sensors: tuple[str, ...]
-    weights: Array
+    weights: Annotated[Array, Shape("sensors", "columns")]
 
     def readings(self, names: Sequence[str]) -> MeasuredReadings:
         """Returns readings by their names; see `Deployment`.
@@ -176,7 +188,7 @@ def write_deployment(deployment: Deployment, path: Path) -> None:
             "feels, or let the executor load the task."
         )
     content = _Content(
-        *(deployment.name, deployment.mjcf, deployment.time_step, deployment.horizon),
+        *(deployment.name, Text(deployment.mjcf), deployment.time_step, deployment.horizon),
         *(layout, deployment.controls, deployment.signals, deployment.initial_state),
         tuple(deployment.keyframes),
         np.array(list(deployment.keyframes.values())).reshape(-1, len(layout.names)),
@@ -188,7 +200,7 @@ def write_deployment(deployment: Deployment, path: Path) -> None:
     )
     arrays: dict[str, Array] = {}
     entries = to_tree(content, arrays)
-    listed = {name: _listed(array) for name, array in arrays.items()}
+    listed = {name: _to_lists(array) for name, array in arrays.items()}
     tree = {"format": _FORMAT, "sha256": _digest(entries, listed)}
     write_json(path, tree | {"deployment": entries, "arrays": listed})
 
@@ -206,32 +218,74 @@ def read_deployment(path: Path) -> Deployment:
         if tree["sha256"] != _digest(tree["deployment"], tree["arrays"]):
             raise ValueError("its content has changed since it was written")
         arrays = {name: np.array(each, dtype=float) for name, each in tree["arrays"].items()}
-        entries = dict(tree["deployment"])
-        content: _Content = from_entries(_Content, entries, arrays)
-        robot = content.controls
-        of_each: list[Any] = [a for a in vars(robot).values() if isinstance(a, np.ndarray)]
-        sizes = {len(each) for each in (*of_each, *robot.limits, robot.kinds, robot.units)}
-        is_whole = len(robot.limits) == 2 and sizes == {len(robot.names)}
-        if not (is_whole and 0.0 < content.time_step <= 10.0 and content.horizon > 0):
-            raise ValueError("its controls, its control period or its horizon cannot be a robot's")
-        states = content.poses.reshape(-1, len(content.layout.names))
-        poses = dict(zip(content.keyframes, states, strict=True))
-        forces = content.forces.reshape(-1, len(content.controls.names))
-        carrying = dict(zip(("", *content.keyframes), forces, strict=True))
+        content: _Content = from_tree(_Content, tree["deployment"], arrays)
+        _check(content)
+        poses = dict(zip(content.keyframes, content.poses, strict=True))
+        carrying = dict(zip(("", *content.keyframes), content.forces, strict=True))
         observation = Observation.of(
             content.readings(content.read), content.told, content.signals.names, content.past
         )
         limits = Conditions(content.readings(content.limited), content.lowest, content.highest)
-        limits.broken(content.initial_state), observation.readings(content.initial_state)
+        limits.broken(content.initial_state)
+        observation.within(np.zeros(len(content.signals.names)))(content.initial_state)
     except (OSError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         raise InvalidInputError(
-            f"'{path}' is no deployment ({error}); write one with 'vgps export --deployment'."
+            f"'{path}' is no deployment ({error_text(error)}); write one with "
+            "'vgps export --deployment'."
         ) from error
     return Deployment(
         *(content.name, content.mjcf, content.time_step, content.horizon, content.layout),
         *(content.controls, content.signals, content.initial_state, poses, carrying),
         *(observation, limits, content.readings, content.sensors),
     )
+
+
+def _check(content: _Content) -> None:
+    """Checks what a record's types do not tell of a robot.
+
+    Raises:
+        InvalidInputError: sizes or units do not fit each other, or numbers cannot be a robot's.
+    """
+    layout, robot, past = content.layout, content.controls, content.past
+    commands = content.signals.commands
+    named = [content.names, layout.joints, robot.names, content.keyframes]
+    named += [tuple(each.name for each in of) for of in (layout.bodies, commands)]
+    of_each = *named, layout.mounts, content.read, content.limited
+    if max(map(len, of_each)) > _MOST or (past and not 0 <= past.history <= _MOST):
+        raise InvalidInputError(f"it has more than {_MOST} names of a kind")
+    for names in named:
+        for name, count in Counter(names).items():
+            if count > 1 or not name:
+                raise InvalidInputError(f"the name {quote(name)} stands {count} times")
+    for name, kind, unit in zip(robot.names, robot.kinds, robot.units, strict=True):
+        one_of(f"the unit of {quote(name)}", unit, kind.units)
+    sizes = {"n_x": len(layout.names), "n_u": len(robot.names), "xyz": 3, "wxyz": 4}
+    sizes |= {"keyframes": len(content.keyframes), "mounts": len(layout.mounts)}
+    sizes |= {"sensors": len(content.sensors), "columns": _width(layout)}
+    for path, shape in array_shapes(_Content, **sizes).items():
+        if (values := attrgetter(path)(content)).size or 0 not in shape:  # of which JSON says []
+            check_array(f"'{path}'", values, shape)
+    places = [layout.first_activation - 1, *(b.first_position for b in layout.bodies)]
+    places += [b.first_velocity + 2 for b in layout.bodies]
+    if base := layout.planar:
+        check_record("its planar base", base, **sizes, slides=len(base.joints) - 1)
+        places += [*base.positions, *base.velocities]
+    counts, ranges = [len(robot.names)] * 2, [*robot.limits]
+    if past:
+        check_array("'past.resting'", past.resting, (counts[0],))
+        counts, ranges = counts * 2, [*ranges, *past.limits]
+    ranges += [*layout.ranges, content.lowest, content.highest]
+    counts += [len(layout.joints)] * 2 + [len(content.limited)] * 2
+    is_robot = [each.shape for each in ranges] == [(count,) for count in counts]
+    is_robot &= not any(np.isnan(each).any() for each in ranges)
+    is_robot &= all(place in range(len(layout.names)) for place in places)
+    is_robot &= 0.0 < content.time_step <= 10.0 and 0 < content.horizon <= _LONGEST
+    is_robot &= all(-_LONGEST < c.lowest <= c.highest < _LONGEST for c in commands)
+    is_robot &= not any(c.source and not SOURCE.fullmatch(c.source) for c in commands)
+    is_robot &= content.signals.time_step == content.time_step
+    is_robot &= 0.0 <= content.signals.frequency * content.time_step <= 1.0
+    if not is_robot:
+        raise InvalidInputError("its limits, places or times cannot be a robot's")
 
 
 def make_deployment(reference: str) -> Deployment:
@@ -255,8 +309,8 @@ def _digest(*content: Any) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _listed(array: Array) -> list[Any]:
-    """Returns an array as lists, with what JSON cannot hold as text."""
+def _to_lists(array: Array) -> list[Any]:
+    """Returns an array as lists, with infinities and NaN as text, since JSON has none."""
     plain = array.astype(object)
     plain[~np.isfinite(array)] = array[~np.isfinite(array)].astype(str)
     return plain.tolist()

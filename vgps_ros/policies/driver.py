@@ -8,7 +8,7 @@ from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.policies.contract import BASE, TOLD, Contract, nearest_term
+from vgps_ros.policies.contract import BASE, CONTEXTS, Contract, nearest_term
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.policies.policy_file import PolicyFile
 from vgps_ros.robot.bodies import StateLayout
@@ -42,7 +42,7 @@ def observation_of(
     known = {command.source: f"command/{command.name}" for command in signals.commands}
     names = [known.get(each, each).replace(BASE, base) for each in policy.observed]
     told = [each for each in names if each in signals.names]
-    if strange := [each for each in names if each.startswith(TOLD) and each not in told]:
+    if strange := [each for each in names if each.startswith(CONTEXTS) and each not in told]:
         raise InvalidInputError(
             f"{name} reads {quote(strange[0])}, but the task tells "
             f"{', '.join([*signals.names, *known]) or 'nothing'}; add it to the task's commands, "
@@ -98,9 +98,9 @@ def for_policy(task: "Task", file: PolicyFile) -> "Task":
     Raises:
         InvalidInputError: the network does not fit the robot.
     """
-    from vgps_ros.tasks.disturbed_task import in_closed_loops
+    from vgps_ros.tasks.disturbed_task import with_servos
 
     policy = file.policy(task.controls)
     if isinstance(policy, GaussianPolicy) or not policy.stiffness.any():
         return task
-    return in_closed_loops(task, policy.stiffness, policy.damping)
+    return with_servos(task, policy.stiffness, policy.damping)

@@ -21,17 +21,16 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.policies.contract import BASE, HELD, STATE
 from vgps_ros.policies.onnx_file import (
+    LARGEST,
     joined_tensors,
     names_of,
-    read_bytes,
     with_commas,
     with_metadata,
 )
 from vgps_ros.policies.onnx_policy import constants_of
 from vgps_ros.robot.controls import Controls
-from vgps_ros.storage.files import read_yaml
+from vgps_ros.storage.files import read_file, read_yaml
 
-GO1_OF_PLAYGROUND = "playground-go1"
 _SAME = ("base_lin_vel", "base_ang_vel", "projected_gravity", "last_action", "velocity_commands")
 _OF_UNITREE = {
     **{name: name for name in (*_SAME, "gait_phase")},
@@ -69,20 +68,17 @@ _KEYS_OF_RL_SAR = (
 _PERIOD_OF_G1, _MOTION_OF_G1 = 0.8, 18.0  # of rl_sar's g1_phase and RoboMimic_Deploy/phase [s]
 
 
-def read_contract(path: Path, joints: Sequence[str], home: Sequence[float]) -> dict[str, str]:
+def read_contract(path: Path, joints: Sequence[str]) -> dict[str, str]:
     """Returns the metadata that a file of another project stands for.
 
     Args:
-        path: Unitree's deploy.yaml, rl_sar's config.yaml, a YAML file of the metadata themselves,
-            or GO1_OF_PLAYGROUND, the observations of MuJoCo Playground's Go1.
+        path: Unitree's deploy.yaml, rl_sar's config.yaml, or a YAML file of the metadata
+            themselves.
         joints: the robot's joints, in the order of its motors.
-        home: their positions in the keyframe home, or in the task's start.
 
     Raises:
         InvalidInputError: it cannot be read, or holds what no contract can say.
     """
-    if str(path) == GO1_OF_PLAYGROUND:
-        return _to_metadata_text(_of_playground(joints, home))
     content = _yaml(path)
     try:
         if "joint_ids_map" in content:
@@ -141,7 +137,7 @@ def read_leapp(path: Path, joints: Sequence[str], home: Sequence[float]) -> byte
     Args:
         path: the YAML file of the bundle.
         joints: the robot's joints.
-        home: their positions in the keyframe home, or in the task's start, which the action 0 asks.
+        home: what an action of 0 asks: their positions in the keyframe home, or at the start.
 
     Raises:
         InvalidInputError: the bundle cannot be read, or holds what no contract can say.
@@ -150,7 +146,7 @@ def read_leapp(path: Path, joints: Sequence[str], home: Sequence[float]) -> byte
         return _of_leapp(_yaml(path), path, dict(zip(joints, home, strict=True)))
     except InvalidInputError:
         raise
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+    except (OSError, LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise InvalidInputError(
             f"'{path}' is no LEAPP bundle, since it lacks {error}, or has it in another form."
         ) from error
@@ -166,7 +162,7 @@ def _of_leapp(bundle: Mapping[str, Any], path: Path, home: Mapping[str, float]) 
     ((node, described),) = models.items()
     parameters = described["parameters"]
     one_of(f"the backend of {name}", parameters["backend"], ["onnx"])
-    content = read_bytes(_beside(path, parameters["model_path"]))
+    content = read_file(_beside(path, parameters["model_path"]), LARGEST)
     if hashlib.sha256(content).hexdigest() != parameters["sha256sum"]:
         raise InvalidInputError(
             f"'{parameters['model_path']}' is not the file that {name} describes; export anew."
@@ -261,7 +257,7 @@ def _terms_of_leapp(tensor: Mapping[str, Any], size: int, name: str) -> list[str
 
 def _safetensors(path: Path) -> dict[str, Array]:
     """Returns the arrays in a safetensors file: a header in JSON, and the bytes."""
-    content = read_bytes(path)
+    content = read_file(path)
     end = 8 + int.from_bytes(content[:8], "little")
     header = json.loads(content[8:end])
     return {
@@ -273,7 +269,7 @@ def _safetensors(path: Path) -> dict[str, Array]:
     }
 
 
-def holding(
+def holding_metadata(
     metadata: dict[str, str], controls: Controls, start: Array, stiffness: float, damping: float
 ) -> dict[str, str]:
     """Returns metadata by which the controls that a policy does not drive hold where a task starts.
@@ -302,7 +298,7 @@ def holding(
 
 def _yaml(path: Path) -> dict[str, Any]:
     try:
-        text = path.read_text()
+        text = read_file(path).decode()
     except (OSError, UnicodeError) as error:
         raise InvalidInputError(f"'{path}' cannot be read: {error}.") from error
     content = read_yaml(re.sub(r"!!python/\S+", "", text), f"'{path}'")
@@ -412,18 +408,6 @@ def _of_rl_sar(content: Mapping[str, Any], joints: Sequence[str]) -> dict[str, A
     if "dt" in content:
         found["control_period"] = content["dt"] * content["decimation"]
     return found
-
-
-def _of_playground(joints: Sequence[str], home: Sequence[float]) -> dict[str, Any]:
-    velocities = [f"{name}/{axis}" for name in ("local_linvel", "gyro") for axis in "xyz"]
-    terms = ["projected_gravity", "joint_pos", "joint_vel", "last_action", "velocity_commands"]
-    return {
-        "joint_names": [*joints],
-        "default_joint_pos": [*home],
-        "action_scale": 0.5,
-        "observation_names": [*velocities, *terms],
-        "control_period": 0.02,
-    }
 
 
 def _order(mapping: Sequence[int], joints: Sequence[str]) -> list[int]:

@@ -24,13 +24,12 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vgps_ros.core.checks import finite_array, quote, told
+from vgps_ros.core.checks import error_text, finite_array, quote
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.memory import LAST_ACTION
 from vgps_ros.core.policy import Architecture, GaussianPolicy
@@ -80,22 +79,7 @@ def package(name: str) -> Any:
         ) from error
 
 
-def read_bytes(path: Path) -> bytes:
-    """Returns the content of an ONNX file.
-
-    Raises:
-        InvalidInputError: it is missing, or no plain file.
-    """
-    try:
-        if not path.is_file():
-            raise InvalidInputError(f"'{path}' is no file; name the ONNX file of a policy.")
-        with path.open("rb") as file:
-            return file.read(LARGEST + 1)  # `parsed` refuses more than LARGEST
-    except OSError as error:
-        raise InvalidInputError(f"'{path}' cannot be read: {error.strerror}.") from error
-
-
-def parsed(content: bytes, name: str) -> Any:
+def parse_model(content: bytes, name: str) -> Any:
     """Returns the model in the bytes of an ONNX file, after it was found to be harmless.
 
     An error calls the file by its name.
@@ -156,7 +140,7 @@ def check_network(model: Any, count: int, name: str) -> set[str]:
     Refuses one that is not of floats, or does not answer soon.
 
     Args:
-        model: what `parsed` returned.
+        model: what `parse_model` returned.
         count: how many numbers an observation has, where the file does not fix it.
         name: what the sentence of an error calls the file.
 
@@ -181,7 +165,7 @@ def check_network(model: Any, count: int, name: str) -> set[str]:
         infer = package("onnx.shape_inference").infer_shapes
         graph = infer(bare, strict_mode=True, data_prop=True).graph
     except Exception as error:  # of onnx, which has no common class for its errors
-        sentence = f"{name} cannot be executed: {told(error)}; export it anew."
+        sentence = f"{name} cannot be executed: {error_text(error)}; export it anew."
         raise InvalidInputError(sentence) from error
     for each in (*graph.input, *graph.value_info, *graph.output):
         kind = each.type.tensor_type
@@ -251,7 +235,7 @@ def with_metadata(content: bytes, metadata: dict[str, str], name: str) -> bytes:
     Raises:
         InvalidInputError: the bytes are no ONNX model that may be read.
     """
-    model = parsed(content, name)
+    model = parse_model(content, name)
     package("onnx.helper").set_model_props(model, metadata_of(model) | metadata)
     changed: bytes = model.SerializeToString(deterministic=True)
     return changed
@@ -276,7 +260,7 @@ def joined_tensors(
     Raises:
         InvalidInputError: the bytes are no ONNX model that may be read, or have no such tensors.
     """
-    model, helper = parsed(content, name), package("onnx.helper")
+    model, helper = parse_model(content, name), package("onnx.helper")
     graph = model.graph
     constants = {tensor.name for tensor in graph.initializer}
     given = {i.name: i.type.tensor_type for i in graph.input if i.name not in constants}
@@ -395,7 +379,7 @@ def from_onnx(content: bytes, name: str) -> ExportedPolicy | None:
     Raises:
         InvalidInputError: the bytes are no ONNX model that may be read.
     """
-    model = parsed(content, name)
+    model = parse_model(content, name)
     try:
         exported = _read(model, name)
         return exported if _graph(exported) == model.graph else None
@@ -440,7 +424,7 @@ class Builder:
         logarithm = self.node("Log", self.node("Add", e, "one"))
         return self.node("Add", self.node("Relu", z), logarithm)
 
-    def declared(self, name: str, *sizes: int | str, kind: str = "") -> Any:
+    def declaration(self, name: str, *sizes: int | str, kind: str = "") -> Any:
         """Returns the declaration of an input or an output."""
         element = self.element(np.dtype(kind or self.kind))
         return self._helper.make_tensor_value_info(name, element, sizes)
@@ -466,9 +450,9 @@ def _graph(exported: ExportedPolicy) -> Any:
     build.give(within, "actions")
     build.give(mean, "mean")
     build.give(build.constant("noise_std", exported.policy.noise_std), "std")
-    outputs = [build.declared(name, "batch", shape.control_dim) for name in ("actions", "mean")]
-    outputs.append(build.declared("std", shape.control_dim))
-    return build.graph([build.declared("obs", "batch", len(shape.observed))], outputs)
+    outputs = [build.declaration(name, "batch", shape.control_dim) for name in ("actions", "mean")]
+    outputs.append(build.declaration("std", shape.control_dim))
+    return build.graph([build.declaration("obs", "batch", len(shape.observed))], outputs)
 
 
 def network(exported: ExportedPolicy, build: "Builder", inputs: str) -> tuple[str, str]:

@@ -4,7 +4,7 @@
 Its metadata say what its numbers mean (`policies.contract`). Where it has a stiffness, its actions
 are targets of positions. A robot of servos gets the targets. One of motors gets the torque
 k_p (p_0 + s a − p) − k_d v, with the joint's position p and its velocity v; it is then held for a
-control period, at which stiff joints become unstable (`tasks.driver.in_closed_loops`).
+control period, at which stiff joints become unstable (`tasks.disturbed_task.with_servos`).
 """
 
 import re
@@ -24,7 +24,7 @@ from vgps_ros.policies.onnx_file import (
     check_network,
     metadata_of,
     package,
-    parsed,
+    parse_model,
 )
 from vgps_ros.robot.controls import ControlKind, Controls
 
@@ -59,7 +59,7 @@ class OnnxPolicy:
     """
 
     def __init__(self, content: bytes, name: str, controls: Controls):
-        metadata = metadata_of(model := parsed(content, name))
+        metadata = metadata_of(model := parse_model(content, name))
         self.content, self.task = content, metadata.get("task", "")
         self._name = name
         self.contract = contract = Contract(metadata, name)
@@ -185,11 +185,7 @@ class OnnxPolicy:
         return found
 
     def _opened(self) -> tuple[Any, Any, Any]:
-        """Returns a session of onnxruntime, its input and its output.
-
-        Raises:
-            InvalidInputError: onnxruntime refuses the model, or its input does not fit.
-        """
+        """Returns a session of onnxruntime, its input and its output."""
         name, count = self._name, len(self.contract.places)
         try:
             session = _session(self.content)
@@ -283,7 +279,7 @@ def constants_of(content: bytes, outputs: list[str], name: str) -> dict[str, Arr
     """
     if not outputs:
         return {}
-    constants = check_network(parsed(content, name), 1, name)
+    constants = check_network(parse_model(content, name), 1, name)
     if varying := [output for output in outputs if output not in constants]:
         raise InvalidInputError(
             f"The output '{varying[0]}' of {name} depends on what it reads, but gains must stay as "

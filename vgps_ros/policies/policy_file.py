@@ -4,10 +4,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.policies.onnx_file import from_onnx, metadata_of, parsed, read_bytes
+from vgps_ros.policies.onnx_file import LARGEST, from_onnx, metadata_of, parse_model
 from vgps_ros.policies.onnx_policy import OnnxPolicy
 from vgps_ros.robot.controls import Controls
+from vgps_ros.storage.files import read_file
 from vgps_ros.storage.run_folder import load_policy
 
 Policy = GaussianPolicy | OnnxPolicy
@@ -41,7 +43,12 @@ def open_policy(path: Path) -> PolicyFile:
         InvalidInputError: the file is missing, or holds no policy.
     """
     if path.suffix == ".onnx":
-        return policy_of(read_bytes(path), f"'{path}'")
+        try:
+            return policy_of(read_file(path, LARGEST), f"'{path}'")
+        except OSError as error:
+            raise InvalidInputError(
+                f"'{path}' cannot be read: {error.strerror}; name the ONNX file of a policy."
+            ) from error
     policy, task = load_policy(path)
     return PolicyFile(f"'{path}'", task, policy)
 
@@ -53,5 +60,5 @@ def policy_of(content: bytes, name: str) -> PolicyFile:
         InvalidInputError: the bytes are no ONNX model that may be read.
     """
     exported = from_onnx(content, name)
-    task = metadata_of(parsed(content, name)).get("task", "")
+    task = metadata_of(parse_model(content, name)).get("task", "")
     return PolicyFile(name, task, exported.policy if exported else None, content)

@@ -19,6 +19,10 @@ from vgps_ros.programs.node import start
 if TYPE_CHECKING:
     from vgps_ros.programs.command_line import Parser
 
+# What libraries say where they get no memory, such as a model's arena under a limit.
+_SHORT_OF_MEMORY = re.compile(
+    "ould not allocate|nable to allocate|bad_alloc|start new thread|failed to map"
+)
 _SHARED = {"command_line", "policy_card", "policy_run", "training_client"}  # no commands
 _EXTRAS = {  # by the package that it brings
     **dict.fromkeys(("mcap", "mcap_ros2", "pyarrow", "rerun", "rosbags"), "bags"),
@@ -117,6 +121,10 @@ def run_command(words: Sequence[str]) -> None:
         sys.exit(f"{name}: {sentence}")
     except (VgpsError, OSError) as error:
         sys.exit(f"{name}: {printable(_error_sentence(error))}")
+    except Exception as error:
+        if not (isinstance(error, MemoryError) or _SHORT_OF_MEMORY.search(str(error))):
+            raise
+        sys.exit(f"{name}: There is too little memory; close other programs, or raise `ulimit -v`.")
 
 
 def _error_sentence(error: Exception) -> str:

@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vgps_ros.core.seeding import SEED
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.programs.command_line import Parser, picture, refuse_existing
 
 if TYPE_CHECKING:
     from vgps_ros.tasks import Task
     from vgps_ros.wizard.task_check import TaskCheck
 
-ITERATIONS = Setting("iterations", 40, "most iterations of DDP", minimum=1, maximum=10_000)
+ITERATIONS = Setting("iterations", 40, Range(1, 10_000), "most iterations of DDP")
 
 SECONDS = Setting(
-    "seconds", 30.0, "time after which DDP, and the choice of a first motion, end [s]", minimum=0.0
+    "seconds", 30.0, Range(0.0), "time after which DDP, and the choice of a first motion, end [s]"
 )
 
 

@@ -4,20 +4,19 @@
 import argparse
 import re
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
-from vgps_ros.core.checks import nearest, quote
+from vgps_ros.core.checks import nearest
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import Setting, settings_of, with_values
+from vgps_ros.core.settings import Range, Setting, settings_of, with_values
 from vgps_ros.tasks.registry import task_names
 
 Record = TypeVar("Record")
 
 # Endings of pictures that matplotlib writes without another program.
 PICTURES = ("png", "svg", "pdf", "jpg", "jpeg", "webp", "tif", "tiff", "eps", "ps")
-
-_NUMBERS: dict[type, str] = {int: "a whole number", float: "a number"}
 
 
 class Parser(argparse.ArgumentParser):
@@ -55,7 +54,7 @@ class Parser(argparse.ArgumentParser):
                 "--" + s.name.replace("_", "-").replace(".", "-"),
                 dest=s.name,
                 type=_parser(s),
-                nargs="+" if isinstance(s.default, tuple) else None,
+                nargs="+" if s.is_list else None,
                 default=argparse.SUPPRESS if unset else s.default,
                 metavar=s.name.split(".")[-1].upper(),
                 help=s.description
@@ -63,7 +62,7 @@ class Parser(argparse.ArgumentParser):
                 + (f"; default: {unset}" if unset else ""),
             )
             if s.name != "task":
-                action.completer = lambda choices=s.choices, **_: choices or ()  # type: ignore[attr-defined]
+                action.completer = lambda s=s, **_: s.schema.get("enum", ())  # type: ignore[attr-defined]
 
     def add_output(self, flag: str, text: str, **options: Any) -> None:
         """Adds a flag for a path to write, and the one that allows it to be replaced."""
@@ -78,7 +77,7 @@ class Parser(argparse.ArgumentParser):
         ROS reads those itself.
         """
         wait = f"longest wait for {awaited} [s]"
-        self.add_settings(Setting("timeout", 20.0, wait, minimum=0.1, maximum=86_400.0))
+        self.add_settings(Setting("timeout", 20.0, Range(0.1, 86_400.0), wait))
         self.add_argument(
             "--ros-args",
             nargs=argparse.REMAINDER,
@@ -173,21 +172,17 @@ def settings_from(arguments: argparse.Namespace, record: Record) -> Record:
 
 def _parser(s: Setting) -> Callable[[str], Any]:
     """Returns a function that reads one value and checks it."""
-    is_list = isinstance(s.default, tuple)
-    kind = type(s.default[0] if is_list else s.default)
 
     def parse(text: str) -> Any:
-        value = _boolean(text) if kind is bool else text
-        if kind in _NUMBERS:
-            try:
-                # In numbers Python reads other digits and underscores too, a task file does not.
-                value = kind(text if text.isascii() and "_" not in text else "")
-            except ValueError as error:
-                raise argparse.ArgumentTypeError(
-                    f"{s.name} is {quote(text)}, but it must be {_NUMBERS[kind]}, {s.range()}"
-                ) from error
+        value: Any = text
+        if s.kind is bool:
+            value = {"true": True, "false": False}.get(text.lower(), text)
+        # In numbers Python reads other digits and underscores too, a task file does not.
+        elif s.kind is not str and text.isascii() and "_" not in text:
+            with suppress(ValueError):
+                value = s.kind(text)
         try:
-            s.check((value,) if is_list else value)
+            s.check((value,) if s.is_list else value)
         except InvalidInputError as error:
             raise argparse.ArgumentTypeError(str(error)) from error
         return value
@@ -202,9 +197,3 @@ def _namespace(text: str) -> str:
             "in /robot1"
         )
     return f"/{text.lstrip('/')}"
-
-
-def _boolean(text: str) -> bool:
-    if text.lower() not in ("true", "false"):
-        raise argparse.ArgumentTypeError(f"'{text}' must be true or false")
-    return text.lower() == "true"

@@ -12,11 +12,11 @@ import argparse
 import time
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.programs.command_line import Parser
 from vgps_ros.tasks.course import FIGURE_OF_EIGHT, SPEED, TURN, course_of
 
-RATE = Setting("rate", 20.0, "commands per second [Hz]", minimum=0.1, maximum=1000.0)
+RATE = Setting("rate", 20.0, Range(0.1, 1000.0), "commands per second [Hz]")
 _FAREWELL = 1.0  # longest wait until the last command has arrived [s]
 
 

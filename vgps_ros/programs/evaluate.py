@@ -23,7 +23,7 @@ import numpy as np
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.seeding import SEED, Stream, generator
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.policies.policy_file import open_policy
 from vgps_ros.programs.command_line import Parser, picture, refuse_existing
 from vgps_ros.storage.files import write_json
@@ -309,18 +309,16 @@ def add_trials(parser: Parser) -> None:
         "it"
     )
     parser.add_settings(
-        Setting("seconds", 10.0, "length of a rollout [s]", minimum=1e-3, maximum=1e5),
+        Setting("seconds", 10.0, Range(1e-3, 1e5), "length of a rollout [s]"),
         unset="10; of a task with commands 60",
     )
     rollouts = "number of rollouts, at each command if there are any"
     parser.add_settings(
-        Setting("rollouts", 20, rollouts, minimum=1, maximum=1_000_000),
+        Setting("rollouts", 20, Range(1, 1_000_000), rollouts),
         unset="20; of a task with commands 40",
     )
-    parser.add_settings(
-        Setting("perturbation", 0.01, perturbation, minimum=0.0, maximum=100.0), SEED
-    )
-    tried = (Setting(name, (none,), text, minimum=low, maximum=high)
+    parser.add_settings(Setting("perturbation", 0.01, Range(0.0, 100.0), perturbation), SEED)
+    tried = (Setting(name, (none,), Range(low, high), text)
              for name, (none, low, high, text) in _TRIED.items())  # fmt: skip
     parser.add_settings(
         *tried, unset="not tried; of a task with commands, usual sizes if no kind is named"
@@ -331,7 +329,7 @@ def add_trials(parser: Parser) -> None:
             "",
             "body that is pushed, bears a payload or has another mass; empty: the heaviest one",
         ),
-        Setting("push_duration", 0.1, "length of a push [s]", minimum=1e-6, maximum=1e3),
+        Setting("push_duration", 0.1, Range(1e-6, 1e3), "length of a push [s]"),
     )
     parser.add_argument("--stochastic", action="store_true", help="draw the policy's noise")
     parser.add_output(

@@ -11,7 +11,7 @@ import math
 from functools import partial
 from pathlib import Path
 
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.programs.command_line import Parser, picture, refuse_existing
 from vgps_ros.storage.files import write_json
 from vgps_ros.storage.run_folder import read_result
@@ -22,7 +22,7 @@ from vgps_ros.tasks.registry import TASK
 def add_arguments(parser: Parser) -> None:
     """Declares the arguments of the command."""
     parser.add_settings(TASK)
-    steps = Setting("steps", 1, "control steps to run", minimum=1, maximum=1_000_000_000)
+    steps = Setting("steps", 1, Range(1, 1_000_000_000), "control steps to run")
     parser.add_settings(steps, unset="the horizon of the task, or the whole course")
     parser.add_argument(
         "--course",
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     from vgps_ros.programs.policy_run import PolicyRun
     from vgps_ros.ros_runtime.runner import client_node
-    from vgps_ros.search.driven import Driven
+    from vgps_ros.search.commanded_motion import CommandedMotion
     from vgps_ros.tasks import make_task
     from vgps_ros.views.console import plain_console
 
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
     trajectory, driven = node.trajectory(steps), None
     if task.signals.names:
         task = task.in_context(contexts := node.contexts(steps))
-        driven = Driven.of(task, trajectory, contexts)
+        driven = CommandedMotion.of(task, trajectory, contexts)
     duration = steps * period
     distance = float(task.distance(trajectory.states[0], trajectory.states[-1]))
     rows = [("duration", duration, "s"), ("distance", distance, "m")]

@@ -9,7 +9,7 @@ import argparse
 import hashlib
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.settings import Setting
@@ -25,7 +25,7 @@ _PRECISION = Setting(
     "precision",
     "float32",
     "of the graph's input and outputs: float32, as most controllers have them, or float64",
-    choices=("float32", "float64"),
+    kind=Literal["float32", "float64"],
 )
 
 
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.web:
         outputs += [arguments.web / name for name in PAGE_FILES]
     if arguments.card:
-        from vgps_ros.programs.policy_card import PICTURE, Exported, card_files, write_card
+        from vgps_ros.programs.policy_card import PICTURE, ExportedFile, card_files, write_card
 
         outputs += card_files(arguments.card)
     if not outputs:
@@ -101,7 +101,9 @@ def run(arguments: argparse.Namespace) -> None:
     path = RunFolder(arguments.run).policy if arguments.run.is_dir() else arguments.run
     policy, name = load_policy(path)
     from vgps_ros.policies.deployment_file import write_deployment
-    from vgps_ros.policies.field_export import write_leapp, write_microduck, write_unitrees
+    from vgps_ros.policies.exports.leapp import write_leapp
+    from vgps_ros.policies.exports.microduck import write_microduck
+    from vgps_ros.policies.exports.unitree import write_unitree
     from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
     from vgps_ros.storage.files import replacing
     from vgps_ros.tasks import make_task, recorded_task
@@ -126,7 +128,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.deployment:
         write_deployment(task.deployment, arguments.deployment)
     if arguments.unitree:
-        write_unitrees(task, exported, arguments.unitree)
+        write_unitree(task, exported, arguments.unitree)
     if arguments.leapp:
         write_leapp(task, exported, arguments.leapp)
     if arguments.microduck:
@@ -134,7 +136,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.card:
         print("Measures and draws the policy for its card ...", flush=True)
         command = shlex.join(["vgps", "export", *map(str, arguments.parser.words)])
-        made = Exported(content, arguments.precision, command)
+        made = ExportedFile(content, arguments.precision, command)
         if missing := write_card(task, policy, RunFolder(path.parent), made, arguments.card):
             outputs.remove(arguments.card / PICTURE)
             print(f"No moving picture: {missing}")

@@ -9,6 +9,7 @@ import argparse
 import re
 import sys
 from pathlib import Path
+from typing import Literal
 
 from vgps_ros.core.checks import printable
 from vgps_ros.core.settings import Setting
@@ -18,7 +19,7 @@ _FORMAT = Setting(
     "format",
     "parquet",
     "parquet: one table, motions.parquet, in float64; lerobot: a LeRobotDataset of version 3",
-    choices=("parquet", "lerobot"),
+    kind=Literal["parquet", "lerobot"],
 )
 _LARGEST = 4096  # width or height of a picture [pixels]
 

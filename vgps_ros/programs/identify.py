@@ -19,7 +19,7 @@ from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.tasks.registry import TASK, copy_of
 
 if TYPE_CHECKING:
-    from vgps_ros.search.identification import Identified
+    from vgps_ros.search.identification import IdentifiedRobot
 
 _SITE = "identified_imu"  # is turned as the IMU was found to be
 
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> None:
     print(f"Wrote {', '.join(map(str, files))}; train with `vgps train --task {files[0]} …`.")
 
 
-def _show(found: "Identified") -> None:
+def _show(found: "IdentifiedRobot") -> None:
     """Prints what was found, what cannot be told, and how well motions are predicted now."""
     from rich.table import Column, Table
 
@@ -104,7 +104,7 @@ def _show(found: "Identified") -> None:
         print(f"Executors correct how the IMU is turned with the parameter imu_frame: {_SITE}.")
 
 
-def _robot(mjcf: str, found: "Identified", frame: str) -> str:
+def _robot(mjcf: str, found: "IdentifiedRobot", frame: str) -> str:
     """Returns the MJCF with the numbers that were found of an IMU in a frame, and of the rest."""
     import mujoco
     import numpy as np

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.core.settings import Range, Setting, settings_of
 from vgps_ros.programs.command_line import Parser, deployment_file, refuse_existing, settings_from
 from vgps_ros.safety.poses import PoseSettings
 from vgps_ros.tasks.registry import TASK, copy_of
@@ -31,9 +31,8 @@ HOLDING = ("pose_stiffness", "pose_damping")  # of motors that the policy does n
 STANDING = Setting(
     "standing",
     2.0,
+    Range(0.02, 100.0),
     "time for which the simulated robot stands, at the pose of the action 0, for the ranges [s]",
-    minimum=0.02,
-    maximum=100.0,
 )
 
 
@@ -46,8 +45,8 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument(
         "--contract",
         type=Path,
-        help="deploy.yaml of Unitree, config.yaml of rl_sar, a YAML file of metadata, or "
-        "playground-go1: what MuJoCo Playground's Go1 reads; default: the file's own metadata",
+        help="deploy.yaml of Unitree, config.yaml of rl_sar, or a YAML file of metadata; default: "
+        "the file's own metadata",
     )
     parser.add_output("--output", "ONNX file to write, such as policy.onnx", required=True)
     parser.add_argument(
@@ -67,10 +66,11 @@ def run(arguments: argparse.Namespace) -> None:
     import yaml
 
     from vgps_ros.policies.driver import SAME_PERIOD, driver_of
-    from vgps_ros.policies.foreign import holding, read_contract, read_leapp
-    from vgps_ros.policies.onnx_file import metadata_of, parsed, read_bytes, with_metadata
+    from vgps_ros.policies.foreign import holding_metadata, read_contract, read_leapp
+    from vgps_ros.policies.onnx_file import LARGEST, metadata_of, parse_model, with_metadata
     from vgps_ros.policies.onnx_policy import OnnxPolicy
     from vgps_ros.policies.policy_file import policy_of
+    from vgps_ros.storage.files import read_file
     from vgps_ros.tasks import make_task
 
     task, name = make_task(arguments.task), f"'{arguments.policy}'"
@@ -80,13 +80,16 @@ def run(arguments: argparse.Namespace) -> None:
             raise InvalidInputError(f"{name} says what its numbers mean; leave out --contract.")
         content = read_leapp(arguments.policy, joints, _home(task, joints))
     else:
-        content = read_bytes(arguments.policy)
+        content = read_file(arguments.policy, LARGEST)
     if arguments.contract:
-        said = read_contract(arguments.contract, joints, _home(task, joints))
+        said = metadata_of(parse_model(content, name)) | read_contract(arguments.contract, joints)
+        if "joint_names" not in said:
+            home = ",".join(map(str, _home(task, joints)))
+            said = {"joint_names": ",".join(joints), "default_joint_pos": home, **said}
         content = with_metadata(content, said, name)
-    known, gains = metadata_of(parsed(content, name)), settings_from(arguments, PoseSettings())
+    known, gains = metadata_of(parse_model(content, name)), settings_from(arguments, PoseSettings())
     pulling = gains.pose_stiffness, gains.pose_damping
-    held = holding(known, task.controls, task.initial_state, *pulling)
+    held = holding_metadata(known, task.controls, task.initial_state, *pulling)
     content = with_metadata(content, held, name) if held else content
     file = policy_of(content, name)
     policy = file.policy(task.controls)
@@ -101,7 +104,9 @@ def run(arguments: argparse.Namespace) -> None:
         return
     path = arguments.output.with_suffix(".task.yaml")
     said, tables = copy_of(arguments.task, path.parent)
-    refuse_existing([path, *tables.values()], overwrite=arguments.overwrite)
+    written = [path, *tables.values()]
+    refuse_existing(written, overwrite=arguments.overwrite)
+    earlier = {each: each.read_bytes() for each in written if each.exists()}
     try:
         path.write_text(
             f"# {arguments.task} with the times of {name}, written by `vgps import`.\n"
@@ -111,7 +116,10 @@ def run(arguments: argparse.Namespace) -> None:
             shutil.copy(table, copied)
         _write(arguments, make_task(str(path)), file, [*outputs, path])
     except BaseException:
-        path.unlink(missing_ok=True)
+        for each in written:
+            each.unlink(missing_ok=True)
+            if each in earlier:
+                each.write_bytes(earlier[each])
         raise
     print(f"Give {path} as the task from here on: it is {arguments.task} with the policy's times.")
 
@@ -208,7 +216,7 @@ def _standing(task: "Task", driver: "Driver", seconds: float) -> tuple["Array", 
 
     policy, steps = driver.policy, max(1, round(seconds / task.dynamics.time_step))
     assert isinstance(policy, OnnxPolicy)
-    resting = task.signals.held(task.signals.rest, steps)
+    resting = task.signals.constant_context(task.signals.rest, steps)
     observation, memory, read, actions = driver.observation, None, [], []
 
     def law(t: int, x: "Array") -> "Array":

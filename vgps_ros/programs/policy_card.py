@@ -46,7 +46,7 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
-class Exported:
+class ExportedFile:
     """An ONNX file, the precision of its numbers, and the command that has written it."""
 
     content: bytes
@@ -60,7 +60,7 @@ def card_files(folder: Path) -> list[Path]:
 
 
 def write_card(
-    task: Task, policy: GaussianPolicy, run: RunFolder, exported: Exported, folder: Path
+    task: Task, policy: GaussianPolicy, run: RunFolder, exported: ExportedFile, folder: Path
 ) -> str:
     """Writes the card's files; where nothing can be drawn here, the card says so.
 
@@ -95,14 +95,14 @@ def _states(task: Task, policy: GaussianPolicy) -> Any:
     steps, observation = round(_SHOWN / task.dynamics.time_step), task.observation
     if task.signals.names:
         told = task.planned_context[0, : len(task.signals.commands)]
-        observation = observation.within(task.signals.held(told, steps))
+        observation = observation.within(task.signals.constant_context(told, steps))
     still = np.zeros((1, steps, task.dynamics.control_dim))
     states, _ = task.dynamics.execute(policy, observation, task.initial_state[None], still)
     return states[0][np.isfinite(states[0]).all(axis=1)]
 
 
 def _text(
-    task: Task, policy: GaussianPolicy, run: RunFolder, exported: Exported, missing: str
+    task: Task, policy: GaussianPolicy, run: RunFolder, exported: ExportedFile, missing: str
 ) -> str:
     known = yaml.safe_load(run.environment.read_text()) if run.environment.is_file() else {}
     training = known.get("training") or {}
@@ -111,7 +111,7 @@ def _text(
     result = evaluate_policy(
         task,
         driver_of(task.deployment, PolicyFile("the policy", task.name, policy)),
-        **_rollouts(task),
+        **_rollout_settings(task),
         **_MEASURED,
     )
     figures = Console(file=io.StringIO(), width=_WIDTH, markup=False, emoji=False)
@@ -169,7 +169,7 @@ obs = np.zeros((1, {n}), np.{precision})  # the readings, in this order and in t
 `vgps execute-policy` drives a robot in ROS 2 by this file, within limits."""
 
 
-def _rollouts(task: Task) -> dict[str, Any]:
+def _rollout_settings(task: Task) -> dict[str, Any]:
     """Returns how many rollouts are measured, and how long they are [s]."""
     return {"seconds": 10.0, "rollouts": 4 if task.signals.commands else 10}
 

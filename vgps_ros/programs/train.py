@@ -95,11 +95,7 @@ def run(arguments: argparse.Namespace) -> None:
     prepare(task)  # before the first bar, and before processes would each compile the loops
     make = partial(_task, arguments.task, arguments.demonstration, optimizer)
     solvers = SolverProcesses(make) if settings.situations > 1 else None
-    with (
-        _claim_folder(output.path),
-        solvers or nullcontext(),
-        TrainingProgress() as progress,
-    ):
+    with _claim_folder(output.path), solvers or nullcontext(), TrainingProgress() as progress:
         checkpoints = Checkpoints(output.checkpoints, progress.say, overwrite=arguments.overwrite)
 
         def show(iteration: SearchIteration) -> None:

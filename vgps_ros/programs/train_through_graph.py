@@ -9,7 +9,7 @@ import argparse
 from functools import partial
 
 from vgps_ros.core.seeding import SEED
-from vgps_ros.core.settings import Setting, settings_of
+from vgps_ros.core.settings import Range, Setting, settings_of
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.storage.run_folder import RunFolder
@@ -23,7 +23,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_output("--output", "folder for the results", required=True)
     parser.add_argument("--learner", default="policy_learner", help="name of the learner node")
     lost = "wait for a learner that was killed or hangs; a new one gets the goal again [s]"
-    parser.add_settings(Setting("lost_timeout", 300.0, lost, minimum=0.0, maximum=86_400.0))
+    parser.add_settings(Setting("lost_timeout", 300.0, Range(0.0, 86_400.0), lost))
     parser.add_ros_arguments("the learner")
 
 

@@ -142,9 +142,6 @@ class TrainingClient(Node):
         """Returns the learner's answer; None if it must be asked again.
 
         A learner that is alive has the timeout [s].
-
-        Raises:
-            VgpsError: no learner is there for too long.
         """
         losses, end = self._life.losses, time.monotonic() + timeout
         while not future.done() and time.monotonic() < end:

@@ -22,7 +22,7 @@ from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.programs.command_line import Parser
 
 _DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-_PATIENCE = 60.0  # time for the server to answer [s]
+_SERVER_TIMEOUT = 60.0  # time for the server to answer [s]
 _LAST_WAIT = 5.0  # time for the viewer to end before it is killed [s]
 
 
@@ -35,25 +35,21 @@ def add_arguments(parser: Parser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Opens the recording until the window is closed, or INT or TERM comes."""
-    path = recording_of(arguments.run)
+    path = _recording_of(arguments.run)
     try:
         if not arguments.web and any(map(os.environ.get, _DISPLAYS)):
             with _running(str(path)) as viewer:
                 viewer.wait()
         else:
-            with in_browser(path, arguments.port) as (address, viewer):
+            with _in_browser(path, arguments.port) as (address, viewer):
                 print(f"Open {address}\nCtrl-C ends it.", flush=True)
                 viewer.wait()
     except KeyboardInterrupt:
         sys.exit()  # as it is meant to end; after a mere return the interrupt would come again
 
 
-def recording_of(path: Path) -> Path:
-    """Returns the recording of a run.
-
-    Raises:
-        InvalidInputError: there is none, or the file is no recording.
-    """
+def _recording_of(path: Path) -> Path:
+    """Returns the recording of a run."""
     recording = path / "run.rrd" if path.is_dir() else path
     if not recording.is_file():
         bag = shlex.quote(str(path / "bag")) if (path / "bag").is_dir() else "BAG"
@@ -79,21 +75,13 @@ def _port(text: str) -> int:
 
 
 @contextmanager
-def in_browser(recording: Path, port: int = 0) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """Serves a recording until the end; yields the page's address and the server's process.
-
-    Args:
-        recording: the file.
-        port: TCP port of the page; 0 for any that is free.
-
-    Raises:
-        VgpsError: the port is taken, or the server does not answer.
-    """
+def _in_browser(recording: Path, port: int = 0) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Serves a recording on a port, or on any; yields the page's address, the server's process."""
     web, data = _free_port(port), _free_port()
     options = ("--serve-web", "--web-viewer-port", str(web), "--port", str(data))
     page = f"http://127.0.0.1:{web}"
     with _running(*options, str(recording)) as viewer:
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + _SERVER_TIMEOUT
         while not _answers(page):
             if viewer.poll() is not None or time.monotonic() > end:
                 raise VgpsError(f"Rerun's server does not answer at {page}; its output is above.")

@@ -7,10 +7,12 @@ and the linear velocity of a free body is along the world's axes, both as in MuJ
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vgps_ros.core.checks import Shape
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.records import Array
 
@@ -37,11 +39,7 @@ def rotate(vector: Array, quaternion: Array) -> Array:
     b = qw * y + qz * x - qx * z
     c = qw * z + qx * y - qy * x
     return np.array(
-        [
-            x + 2.0 * (qy * c - qz * b),
-            y + 2.0 * (qz * a - qx * c),
-            z + 2.0 * (qx * b - qy * a),
-        ]
+        [x + 2.0 * (qy * c - qz * b), y + 2.0 * (qz * a - qx * c), z + 2.0 * (qx * b - qy * a)]
     )
 
 
@@ -109,12 +107,12 @@ class PlanarBase:
     joints: tuple[str, ...]
     positions: tuple[int, ...]
     velocities: tuple[int, ...]
-    initial: Array
-    position: Array
-    rotation: Array
-    axes: Array
-    axis: Array
-    anchor: Array
+    initial: Annotated[Array, Shape("slides+1")]
+    position: Annotated[Array, Shape("xyz")]
+    rotation: Annotated[Array, Shape("wxyz")]
+    axes: Annotated[Array, Shape("xyz", "slides")]
+    axis: Annotated[Array, Shape("xyz")]
+    anchor: Annotated[Array, Shape("xyz")]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +139,7 @@ class StateLayout:
     planar: PlanarBase | None
     first_body: str
     mounts: tuple[str, ...]
-    turns: Array
+    turns: Annotated[Array, Shape("mounts", "wxyz")]
 
     @cached_property
     def base(self) -> BodyJoint | None:

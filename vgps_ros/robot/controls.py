@@ -25,10 +25,12 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from itertools import compress, repeat
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vgps_ros.core.checks import Shape
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 
@@ -36,6 +38,7 @@ from vgps_ros.core.records import Array
 CONTROL_BOUND = 1e9
 
 Mask = NDArray[np.bool_]
+_Number = Annotated[Array, Shape("n_u")]
 _SAME_GAIN = 1e-5  # relative difference of two gains that are the same but for their text
 
 
@@ -53,7 +56,19 @@ class ControlKind(StrEnum):
         """The field of a JointState in which it stands."""
         return self.value if self in (self.POSITION, self.VELOCITY) else "effort"
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The units that it may have: where y is an angle, and where it is a length."""
+        return _UNITS[self]
 
+
+_UNITS = {
+    ControlKind.TORQUE: ("N·m",),
+    ControlKind.FORCE: ("N",),
+    ControlKind.POSITION: ("rad", "m"),
+    ControlKind.VELOCITY: ("rad/s", "m/s"),
+    ControlKind.ACTIVATION: ("1",),
+}
 # The command of each kind that is sent when idle.
 _AT_REST = {
     ControlKind.TORQUE: "torques are zero",
@@ -92,15 +107,15 @@ class Controls:
     kinds: tuple[ControlKind, ...]
     units: tuple[str, ...]
     limits: tuple[Array, Array]
-    strength: Array
-    bias: Array
-    stiffness: Array
-    damping: Array
-    scale: Array
-    offset: Array
-    servo_forces: Array
-    positions: Array
-    velocities: Array
+    strength: _Number
+    bias: _Number
+    stiffness: _Number
+    damping: _Number
+    scale: _Number
+    offset: _Number
+    servo_forces: _Number
+    positions: Annotated[Array, Shape("n_u", "n_x")]
+    velocities: Annotated[Array, Shape("n_u", "n_x")]
     restless: tuple[str, ...]
 
     def are(self, *kinds: ControlKind) -> Mask:
@@ -141,7 +156,7 @@ class Controls:
 
     @cached_property
     def fields(self) -> dict[str, Mask]:
-        """Masks of those that stand in each field of a JointState, by the fields that are used."""
+        """Which controls belong to each field of a JointState that is used, as masks."""
         used = [kind.field for kind in self.kinds]
         return {name: np.array([each == name for each in used]) for name in dict.fromkeys(used)}
 
@@ -163,7 +178,7 @@ class Controls:
         low, high = np.sort([self.strength * end + self.bias for end in self.limits], axis=0)
         return np.where(self.are_servos, 0.0, np.maximum(np.maximum(low, -high), 0.0))
 
-    def in_closed_loops(self, stiffness: Array, damping: Array) -> "Controls":
+    def with_servos(self, stiffness: Array, damping: Array) -> "Controls":
         """Returns the controls where loops of positions are closed with other gains.
 
         A motor keeps its limits of torque. What has these gains already, or shall have none, stays.

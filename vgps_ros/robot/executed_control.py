@@ -138,7 +138,7 @@ class Driver:
             return cls(RememberingPolicy(policy, past), observation.now)
         return cls(policy, observation)
 
-    def started(self) -> Callable[..., Array]:
+    def new_law(self) -> Callable[..., Array]:
         """Returns the law of a run of N robots, which remembers what its policy does.
 
         It is called step after step with o (N, n_o), and perhaps with noise (N, n_u).

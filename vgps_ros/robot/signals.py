@@ -15,13 +15,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 
 from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 
 CLOCK = ("clock/sin", "clock/cos")
 SOURCE = re.compile(r"cmd_vel/(linear|angular)/[xyz]")  # of a command
@@ -58,9 +59,9 @@ class Command:
 class CommandSettings:
     """Settings of the commands that situations draw."""
 
-    still: float = setting(
-        0.12, "share of the situations in which all commands are at rest", minimum=0.0, maximum=1.0
-    )
+    still: Annotated[
+        float, Range(0.0, 1.0), "share of the situations in which all commands are at rest"
+    ] = 0.12
 
 
 @dataclass(frozen=True)
@@ -143,7 +144,7 @@ class Signals:
             return 0.0
         return float(np.arctan2(*context[-2:]) / (2.0 * np.pi) % 1.0)
 
-    def held(self, commands: Array, steps: int, first: float = 0.0) -> Array:
+    def constant_context(self, commands: Array, steps: int, first: float = 0.0) -> Array:
         """Returns z of some steps in which the commands (n_c,) do not change, (steps, n_z)."""
         each = np.tile(np.asarray(commands, dtype=float), (steps, 1))
         return self.context(each, self.phases(steps, first))

@@ -3,7 +3,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -26,7 +26,7 @@ COMMAND_TYPE = Setting(
     "joint_state: sensor_msgs/JointState on joint_command, stamped with the state's time; "
     "float64_multi_array: std_msgs/Float64MultiArray, as the forward controllers of ros2_control "
     "take it; the label of its dimension says what it holds",
-    choices=("joint_state", "float64_multi_array"),
+    kind=Literal["joint_state", "float64_multi_array"],
 )
 COMMAND_INTERFACES = Setting(
     "command_interfaces",

@@ -23,7 +23,7 @@ from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import (
     commands_from_twist,
     nanoseconds,
@@ -42,16 +42,15 @@ from vgps_ros.ros_runtime.qos import COMMANDED, STATES
 STAMPED_CMD_VEL = Setting(
     "stamped_cmd_vel",
     True,
-    "true: cmd_vel is geometry_msgs/TwistStamped, whose frame must be that of the robot's base or "
-    "empty; false: it is geometry_msgs/Twist",
+    "true: cmd_vel is geometry_msgs/TwistStamped, whose frame must be that of "
+    "the robot's base or empty; false: it is geometry_msgs/Twist",
 )
 COMMAND_TIMEOUT = Setting(
     "command_timeout",
     0.5,
+    Range(1e-3, 1e6),
     "time after its receipt, by the node's clock, from which a command is at rest, which is zero "
     "or what of its range is nearest to zero; one whose stamp is older as it comes is refused [s]",
-    minimum=1e-3,
-    maximum=1e6,
 )
 
 _OTHER_CLOCK = 86400.0  # between a stamp and the node's clock, which then are of two clocks [s]
@@ -147,7 +146,7 @@ class Instructions:
 
         The commands are held.
         """
-        return self._now.held(self.commands, steps, self.phase)
+        return self._now.constant_context(self.commands, steps, self.phase)
 
     @property
     def _timeout(self) -> float:
@@ -172,9 +171,6 @@ class Instructions:
         """Refuses a command that was sent long ago, as a link that was down may bring many at once.
 
         A stamp of another clock tells nothing, such as one of simulated time, or zero.
-
-        Raises:
-            InvalidInputError: it is too old.
         """
         if not hasattr(message, "header"):
             return

@@ -18,7 +18,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -34,7 +34,7 @@ from vgps_ros.core.checks import quote
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting, setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import gains_to_msg, nanoseconds
 from vgps_ros.messages.names import (
     COMMANDS_SENT,
@@ -69,26 +69,8 @@ from vgps_ros.safety.state_limits import StateLimits
 from vgps_ros.safety.supervisor import Answer, Supervisor
 from vgps_ros.tasks.registry import TASK
 
-DEPLOYED_TASK = replace(
-    TASK, description=f"{TASK.description}, or the file of 'vgps export --deployment'"
-)
-AUTOSTART = Setting("autostart", True, "whether to configure and activate once, at start")
-SETTLE_DURATION = Setting(
-    "settle_duration",
-    0.0,
-    "time after a deactivation in which the safe action answers states, before the last command, "
-    "which leaves the robot at rest [s]",
-    minimum=0.0,
-    maximum=60.0,
-)
-STATE_QOS = Setting(
-    "state_qos",
-    "reliable",
-    "reliable: no state of a simulation is lost, as lock-step needs, and all of a state has one "
-    "stamp; sensor_data: best effort, which takes every driver of a real robot, whose sensors have "
-    "stamps of their own, other than zero; by both, of states that come more often than once in a "
-    "control period one is answered in each",
-    choices=("reliable", "sensor_data"),
+DEPLOYED_TASK = Setting(
+    TASK.name, TASK.default, f"{TASK.description}, or the file of 'vgps export --deployment'"
 )
 _PERIOD = 1.0  # over which figures are taken [s]
 _RISE = 0.05  # time from rest to the largest torque, which a real robot's rate limit allows [s]
@@ -101,42 +83,59 @@ _OF_REAL_ROBOTS: dict[str, Any] = {
 
 
 @dataclass(frozen=True)
+class _ControllerSettings:
+    """How a controller starts and ends, and which states it takes."""
+
+    state_qos: Annotated[
+        Literal["reliable", "sensor_data"],
+        "reliable: no state of a simulation is lost, as lock-step needs, and all of a state has "
+        "one stamp; sensor_data: best effort, which takes every driver of a real robot, whose "
+        "sensors have stamps of their own, other than zero; by both, of states that come more "
+        "often than once in a control period one is answered in each",
+    ] = "reliable"
+    autostart: Annotated[bool, "whether to configure and activate once, at start"] = True
+    settle_duration: Annotated[
+        float,
+        Range(0.0, 60.0),
+        "time after a deactivation in which the safe action answers states, before the last "
+        "command, which leaves the robot at rest [s]",
+    ] = 0.0
+
+
+@dataclass(frozen=True)
 class _SensorSettings:
     """How a robot's sensors are joined."""
 
-    base_frame: str = setting(
-        "",
+    base_frame: Annotated[
+        str,
         "name of the base's frame in odom, imu and cmd_vel, such as base_link; empty: the model's "
         "name of it",
-    )
-    imu_frame: str = setting(
-        "",
+    ] = ""
+    imu_frame: Annotated[
+        str,
         "the model's site or body at which the IMU sits; empty: the one that the messages on imu "
         "name",
-    )
-    sensor_tolerance: float = setting(
-        0.05,
+    ] = ""
+    sensor_tolerance: Annotated[
+        float,
+        Range(0.0, 10.0),
         "with state_qos sensor_data: largest difference between the stamp of joint_states and the "
         "newest imu, odom or else of the same state; a period of the slowest sensor, and its "
         "latency [s]",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    velocity_filter: float = setting(
-        0.0,
+    ] = 0.05
+    velocity_filter: Annotated[
+        float,
+        Range(0.0, 10.0),
         "where joint_states have no velocities, those are differences of positions, through a "
         "low-pass filter of this time constant; with state_qos sensor_data a control period by "
         "default; 0: such states are refused [s]",
-        minimum=0.0,
-        maximum=10.0,
-    )
-    base_from: str = setting(
-        "auto",
+    ] = 0.0
+    base_from: Annotated[
+        Literal["auto", "imu", "odom"],
         "what tells of a free base: imu (sensor_msgs/Imu), how it is turned and turns, for a "
         "policy that reads no more of it; odom (nav_msgs/Odometry), all; auto: imu where it is "
         "enough",
-        choices=("auto", "imu", "odom"),
-    )
+    ] = "auto"
 
 
 class Controller(LifecycleNode):
@@ -159,7 +158,8 @@ class Controller(LifecycleNode):
         super().__init__(name)
         self.robot = robot = _robot(declare(self, DEPLOYED_TASK))
         self.needs_policy = needs_policy
-        self.is_real = is_real = declare(self, STATE_QOS) == "sensor_data"
+        self._settings = settings = declare_settings(self, _ControllerSettings())
+        self.is_real = is_real = settings.state_qos == "sensor_data"
         self.is_shadow = declare(self, SHADOW)
         self.sender = CommandSender(self, robot.controls.names, is_silent=self.is_shadow)
         smoothing = robot.time_step if is_real else 0.0
@@ -167,8 +167,7 @@ class Controller(LifecycleNode):
         self.prepare_law()
         declare(self, POLICY_FILE, may_change=True)
         declare(self, DISTRIBUTION_FILE, may_change=True)
-        declare(self, SETTLE_DURATION)
-        when_alone = self._start if declare(self, AUTOSTART) else self._tell_how_to_start
+        when_alone = self._start if settings.autostart else self._tell_how_to_start
         limits = tuple(robot.controls.largest.tolist())
         rate = max(limits) / _RISE if max(limits) < CONTROL_BOUND else 0.0
         usual = {**_OF_REAL_ROBOTS, "torque_rate_limit": rate} if is_real else {}
@@ -282,7 +281,7 @@ class Controller(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lets the safe action drive for a while, and then stops the commands."""
         assert self._session
-        self._session.deactivate(value(self, SETTLE_DURATION))
+        self._session.deactivate(self._settings.settle_duration)
         return super().on_deactivate(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -613,7 +612,7 @@ class _Sensors:
         for topic, kind in states.sources.items():
             has_many = topic == JOINTS or node.is_shadow
             real = PARTS_OF_SENSORS if has_many else NEWEST_OF_SENSORS
-            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._tell_qos, topic))
+            events = SubscriptionEventCallbacks(incompatible_qos=partial(self._report_qos, topic))
             taken, qos = partial(take, topic), real if is_real else NEWEST
             made = node.create_subscription(kind, topic, taken, qos, event_callbacks=events)
             self._subscriptions[topic] = made
@@ -631,8 +630,8 @@ class _Sensors:
         self._health.set_value("joint velocities", words)
         self._node.get_logger().warning(f"joint_states have no velocities: they are {words}.")
 
-    def _tell_qos(self, topic: str, _: object) -> None:
-        """Reports who sends measurements that never arrive: only reliability can differ."""
+    def _report_qos(self, topic: str, _: object) -> None:
+        """Reports which nodes publish a sensor less reliably than this node takes it."""
         topic = self._node.resolve_topic_name(topic)
         names = [
             f"{sender.node_namespace.rstrip('/')}/{sender.node_name}"

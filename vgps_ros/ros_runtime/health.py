@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.ros_runtime.parameters import check_given_parameters, declare, value
 from vgps_ros.ros_runtime.qos import STREAM, is_lively
 from vgps_ros.ros_runtime.runner import end_with
@@ -25,9 +25,8 @@ _LOG_PERIOD = 10.0  # at least, between two equal lines in the log [s]
 WAIT_TIMEOUT = Setting(
     "wait_timeout",
     10.0,
+    Range(0.1, 86400.0),
     "time after which something still missing becomes an error on /diagnostics [s]",
-    minimum=0.1,
-    maximum=86400.0,
 )
 
 

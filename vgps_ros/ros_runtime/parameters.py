@@ -53,14 +53,14 @@ def declare(
 
     Args:
         node: the node.
-        setting: name, default, description and range.
+        setting: the parameter.
         may_change: whether the parameter may change while the node runs.
         also_check: raises InvalidInputError for a value that is wrong for another reason.
 
     Raises:
         InvalidInputError: the value that the node was started with is wrong.
     """
-    default = list(setting.default) if isinstance(setting.default, tuple) else setting.default
+    default = list(setting.default) if setting.is_list else setting.default
     descriptor = ParameterDescriptor(
         name=setting.name,
         description=setting.description + (f" ({setting.range()})" if setting.range() else ""),
@@ -144,15 +144,15 @@ def declare_settings(node: Node, record: Record) -> Record:
 
 def _range(setting: Setting, message: type, kind: type, limit: float) -> list[Any]:
     """The descriptor's range, where the parameter is a number of this kind."""
-    if type(setting.default) is not kind or (setting.minimum, setting.maximum) == (None, None):
+    schema = setting.schema
+    if setting.is_list or setting.kind is not kind or not schema.keys() & {"minimum", "maximum"}:
         return []
-    low = -limit if setting.minimum is None else setting.minimum
-    high = limit if setting.maximum is None else setting.maximum
+    low, high = schema.get("minimum", -limit), schema.get("maximum", limit)
     return [message(from_value=kind(low), to_value=kind(high))]
 
 
 def _from_ros(value: Any, setting: Setting) -> Any:
-    return tuple(value) if isinstance(setting.default, tuple) and value is not None else value
+    return tuple(value) if setting.is_list and value is not None else value
 
 
 def check_given_parameters(node: Node) -> None:

@@ -3,7 +3,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import Parameter as ParameterMsg
@@ -27,7 +27,7 @@ SERVICE_INTROSPECTION = Setting(
     "service_introspection",
     "off",
     "what each service publishes of its calls on SERVICE/_service_event",
-    choices=("off", "metadata", "contents"),
+    kind=Literal["off", "metadata", "contents"],
 )
 
 _GUARDED = (SetParameters, SetParametersAtomically, ChangeState)

@@ -33,8 +33,8 @@ from vgps_ros.ros_runtime.training_results import TrainingResults
 SHADOW = Setting(
     "shadow",
     False,
-    "whether to command nothing and to say what is wrong with a robot that runs: its sensors, its "
-    "joints' order, and the policy's answers beside what drives it now",
+    "whether to command nothing and to say what is wrong with a robot that runs: its "
+    "sensors, its joints' order, and the policy's answers beside what drives it now",
 )
 _PERIOD = 1.0  # between two judgements [s]
 _FEWEST = 10  # states and messages that are judged

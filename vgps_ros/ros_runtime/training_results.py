@@ -37,8 +37,8 @@ from vgps_ros.storage.run_folder import load_distributions
 POLICY_FILE = Setting(
     "policy_file",
     "",
-    "policy.json of a training, or an ONNX file, to load at configure; empty: wait for the topic "
-    "policy",
+    "policy.json of a training, or an ONNX file, to load at configure; empty: wait "
+    "for the topic policy",
 )
 DISTRIBUTION_FILE = Setting(
     "distribution_file",
@@ -143,7 +143,7 @@ class TrainingResults:
         driver = driver_of(self._robot, file)
         policy, controls = driver.policy, self.controls
         if isinstance(policy, OnnxPolicy) and policy.stiffness.any():
-            controls = controls.in_closed_loops(policy.stiffness, policy.damping)
+            controls = controls.with_servos(policy.stiffness, policy.damping)
             driver = driver_of(replace(self._robot, controls=controls), file)
         if file.gaussian:
             stamp = self._node.get_clock().now().to_msg()

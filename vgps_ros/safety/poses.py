@@ -2,11 +2,12 @@
 """Motions without a policy: standing up, holding and sitting down, by PD towards a pose."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 from vgps_ros.robot.controls import Controls
 
 _LONGEST = 0.1  # time between two states that counts for a correction [s]
@@ -16,42 +17,37 @@ _LONGEST = 0.1  # time between two states that counts for a correction [s]
 class PoseSettings:
     """How a robot gets to a pose, and from which one its policy drives."""
 
-    stand_duration: float = setting(
-        0.0,
+    stand_duration: Annotated[
+        float,
+        Range(0.0, 60.0),
         "time in which the joints go from where they are measured to the pose in which the robot "
         "stands, after an activation and before the policy drives; 0: it drives at once [s]",
-        minimum=0.0,
-        maximum=60.0,
-    )
-    stand_keyframe: str = setting(
-        "", "keyframe of the model in which the robot stands; empty: the task's initial state"
-    )
-    sit_duration: float = setting(
-        2.0, "time in which the robot sits down [s]", minimum=0.0, maximum=60.0
-    )
-    sit_keyframe: str = setting(
-        "", "keyframe in which it sits; empty: it sinks, as its motors become soft where it is"
-    )
-    pose_stiffness: float = setting(
-        60.0, "torque of a motor per deviation of its joint [N·m/rad]", minimum=0.0, maximum=1e6
-    )
-    pose_damping: float = setting(
-        1.0,
+    ] = 0.0
+    stand_keyframe: Annotated[
+        str, "keyframe of the model in which the robot stands; empty: the task's initial state"
+    ] = ""
+    sit_duration: Annotated[float, Range(0.0, 60.0), "time in which the robot sits down [s]"] = 2.0
+    sit_keyframe: Annotated[
+        str, "keyframe in which it sits; empty: it sinks, as its motors become soft where it is"
+    ] = ""
+    pose_stiffness: Annotated[
+        float, Range(0.0, 1e6), "torque of a motor per deviation of its joint [N·m/rad]"
+    ] = 60.0
+    pose_damping: Annotated[
+        float,
+        Range(0.0, 1e6),
         "torque of a motor per velocity of its joint; with too much, joints chatter at the rate of "
         "the commands [N·m·s/rad]",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    pose_integral: float = setting(
-        1.0,
+    ] = 1.0
+    pose_integral: Annotated[
+        float,
+        Range(0.0, 100.0),
         "rate at which what a joint lacks of its pose is added to what is asked of it, so that it "
         "does not sag under the robot's weight; 0: it sags [1/s]",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    pose_correction: float = setting(
-        0.5, "most that is added so in either direction [rad, m]", minimum=0.0, maximum=1e3
-    )
+    ] = 1.0
+    pose_correction: Annotated[
+        float, Range(0.0, 1e3), "most that is added so in either direction [rad, m]"
+    ] = 0.5
 
 
 class PoseMotion:

@@ -28,17 +28,11 @@ _ROUNDING = 1e-5
 
 @dataclass(frozen=True)
 class Nearest:
-    """The marginal that is nearest to a state.
+    """The marginal that is nearest to a state."""
 
-    Attributes:
-        distance: the distance d(x); NaN if it overflows.
-        marginals: the training marginals that it belongs to.
-        step: its time step t.
-    """
-
-    distance: float
-    marginals: "TrainingMarginals"
-    step: int
+    distance: float  # the distance d(x); NaN if it overflows
+    marginals: "TrainingMarginals"  # the training marginals that it belongs to
+    step: int  # its time step t
 
 
 class TrainingMarginals:

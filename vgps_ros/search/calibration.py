@@ -25,7 +25,7 @@ from vgps_ros.search.judgement import (
     CALIBRATION,
     LATE,
     SETTLING,
-    Achieved,
+    CommandReadings,
     Trial,
     behaviour,
     command_grid,
@@ -59,14 +59,17 @@ def calibrate(task: Task, seed: int, policy: GaussianPolicy) -> GaussianPolicy:
 
 def _columns(task: Task, policy: GaussianPolicy) -> list[int]:
     """Returns where the policy reads the commands that a reading achieves; empty if it does not."""
-    names = [task.signals.names[i] for i in Achieved.of(task).commands]
+    names = [task.signals.names[i] for i in CommandReadings.of(task).commands]
     observed = policy.architecture.observed
     return [observed.index(name) for name in names] if {*names} <= {*observed} else []
 
 
 def _errors(task: Task, seed: int, policy: GaussianPolicy) -> tuple[Array, Array] | None:
     """Returns E (n_a, n_a) and b (n_a,) by least squares; None where the policy falls."""
-    rng, achieved = generator(seed, Stream.JUDGEMENT, CALIBRATION), list(Achieved.of(task).commands)
+    rng, achieved = (
+        generator(seed, Stream.JUDGEMENT, CALIBRATION),
+        list(CommandReadings.of(task).commands),
+    )
     told = np.repeat(command_grid(task.signals), _ROLLOUTS, axis=0)
     count, steps = len(told), round(_SECONDS / task.dynamics.time_step)
     space = task.dynamics.space

@@ -109,10 +109,10 @@ def measure_driving(
     rng = generator(seed, Stream.EVALUATION, 0)
     starts = perturbed_starts(task, perturbation, rollouts, rng)
 
-    context = task.signals.held(task.signals.rest, steps)
+    context = task.signals.constant_context(task.signals.rest, steps)
     task = task.in_context(context)
 
-    policy, n_u = driver.started(), task.dynamics.control_dim
+    policy, n_u = driver.new_law(), task.dynamics.control_dim
 
     def control_law(t: int, x: Array) -> Array:
         noise = noise_std * rng.standard_normal((len(x), n_u)) if stochastic else 0.0

@@ -24,21 +24,13 @@ _LEAST_SPEED = 0.1  # from which on a way has a cost [m/s]
 
 @dataclass(frozen=True)
 class GaitFigures:
-    """Records what a motion costs and asks; None where there is nothing to measure.
+    """Records what a motion costs and asks; None where there is nothing to measure."""
 
-    Attributes:
-        power: mean mechanical power [W].
-        cost_of_transport: P / (m g v) of what moves horizontally.
-        load: largest force of an actuator by its limit.
-        slip: mean speed of contacts along the ground [m/s].
-        impact: largest force from the ground by the robot's weight.
-    """
-
-    power: float
-    cost_of_transport: float | None
-    load: float | None
-    slip: float | None
-    impact: float | None
+    power: float  # mean mechanical power [W]
+    cost_of_transport: float | None  # P / (m g v) of what moves horizontally
+    load: float | None  # largest force of an actuator by its limit
+    slip: float | None  # mean speed of contacts along the ground [m/s]
+    impact: float | None  # largest force from the ground by the robot's weight
 
 
 def gaits(task: Task, driver: Driver) -> list[dict[str, Any] | None]:

@@ -104,7 +104,7 @@ class Parameter(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Identified:
+class IdentifiedRobot:
     """What was found.
 
     Attributes:
@@ -138,7 +138,7 @@ class Identified:
         return [p for name, p in self.parameters.items() if name.startswith("imu_")]
 
 
-def identify(task: Task, motions: Sequence[MeasuredMotion], body: str = "") -> Identified:
+def identify(task: Task, motions: Sequence[MeasuredMotion], body: str = "") -> IdentifiedRobot:
     """Finds what differs.
 
     Args:
@@ -195,7 +195,7 @@ def identify(task: Task, motions: Sequence[MeasuredMotion], body: str = "") -> I
         _ENDS[k] * p.spread / p.scale if k in _ENDS and p.is_told else 0.0 for k, p in found.items()
     ]
     lowest = np.array([p.low for p in found.values()])
-    return Identified(
+    return IdentifiedRobot(
         found,
         robot.model(np.maximum(theta + ends, lowest)),
         number,

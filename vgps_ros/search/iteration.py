@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.search.evaluation import Evaluation
 from vgps_ros.search.metrics import IterationMetrics
-from vgps_ros.search.selection import Tried
+from vgps_ros.search.selection import Performance
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.search.workspace import Update
 
@@ -28,7 +28,7 @@ class SearchState:
     simulator_steps: int
     history: tuple[IterationMetrics, ...]
     last: Update | None
-    best: Tried | None = None
+    best: Performance | None = None
 
     @property
     def k(self) -> int:

@@ -51,7 +51,7 @@ GRID, TRIALS, PUSHES, SENSORS, SELECTION, CALIBRATION = range(6)
 
 
 @dataclass(frozen=True)
-class Achieved:
+class CommandReadings:
     """Names the readings that achieve the commands of a task.
 
     Attributes:
@@ -65,7 +65,7 @@ class Achieved:
     cost: FeatureCost
 
     @classmethod
-    def of(cls, task: Task) -> "Achieved":
+    def of(cls, task: Task) -> "CommandReadings":
         """Returns them; of several readings that follow a command, the one of the largest weight.
 
         Raises:
@@ -192,7 +192,7 @@ def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float
     states, controls, context = execute_trial(task, driver, rollouts)
     standing = np.isfinite(states).all(axis=2) & ~task.fallen(states)
     standing = np.logical_and.accumulate(standing, axis=1)
-    achieved = Achieved.of(task)
+    achieved = CommandReadings.of(task)
     errors = achieved.errors(states, controls, context)
     period = task.dynamics.time_step
     is_settled = settled_steps(rollouts.commands, round(SETTLING / period))
@@ -234,7 +234,7 @@ def late_error(task: Task, states: Array, controls: Array, context: Array) -> fl
     It is that of N rollouts of T steps, with the arguments of `Achieved.errors`; 0 where no reading
     achieves a command.
     """
-    achieved, steps = Achieved.of(task), round(LATE / task.dynamics.time_step)
+    achieved, steps = CommandReadings.of(task), round(LATE / task.dynamics.time_step)
     errors = achieved.errors(states, controls, context)[:, -steps:].mean(axis=1)
     commands = [task.signals.commands[i] for i in achieved.commands]
     ranges = np.array([command.highest - command.lowest for command in commands])
@@ -298,7 +298,7 @@ def judge_controller(
         report(own.stop / total)
     found = Behaviour.joined(parts)
     each = [found.of(slice(i * rollouts, (i + 1) * rollouts)) for i in range(len(grid) + 1)]
-    achieved = Achieved.of(task)
+    achieved = CommandReadings.of(task)
     names = [command.name for command in signals.commands]
     return {
         "times": list(times),
@@ -348,7 +348,7 @@ def drawn_noise(scale: Array, shape: tuple[int, int], rng: np.random.Generator) 
 
 
 def first_phases(rollouts: int) -> Array:
-    """Returns φ at the start of each rollout, shape (rollouts,): evenly over a turn."""
+    """Returns the clock's phase φ at each start, shape (rollouts,): spread evenly over a turn."""
     return np.asarray((_GOLDEN * np.arange(rollouts)) % 1.0)
 
 
@@ -390,7 +390,7 @@ def figures(task: Task, found: Behaviour) -> dict[str, Any]:
         shares = values.mean(axis=0).tolist()
         result[name] = shares
         result[f"{name}_interval"] = [list(interval(share, count)) for share in shares]
-    names = [task.signals.commands[i].name for i in Achieved.of(task).commands]
+    names = [task.signals.commands[i].name for i in CommandReadings.of(task).commands]
     if not found.counts.any():
         return result | {key: dict.fromkeys(names) for key in ("rms", "mean")}
     pooled = (
@@ -432,7 +432,7 @@ def execute_trial(task: Task, driver: Driver, rollouts: Trial) -> tuple[Array, A
             calm=context,
         )
         return states, controls, context
-    told, past, policy_law = observation.values_told(), [], driver.started()
+    told, past, policy_law = observation.values_told(), [], driver.new_law()
     calm, awake = observation.within(context).values_told(), np.zeros(len(noise), dtype=np.int64)
 
     def law(t: int, x: Array) -> Array:

@@ -19,7 +19,7 @@ from vgps_ros.search.checkpoints import Checkpoints, Run
 from vgps_ros.search.comparators.cost_weighted import cost_weighted
 from vgps_ros.search.comparators.dagger import Imitation, imitate
 from vgps_ros.search.comparators.gps import GuidedUpdate, guided_search
-from vgps_ros.search.comparators.mdgps import Mirrored, begin, mdgps
+from vgps_ros.search.comparators.mdgps import MdgpsUpdate, begin, mdgps
 from vgps_ros.search.evaluation import Evaluation, evaluate
 from vgps_ros.search.iteration import SearchIteration, SearchState
 from vgps_ros.search.metrics import lost_bound, lost_coverage, measure
@@ -27,7 +27,7 @@ from vgps_ros.search.selection import finish, is_evaluated, try_policy
 from vgps_ros.search.settings import SearchSettings, architecture, with_preset
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import OptimizationResult
-from vgps_ros.search.vgps import Replaying, vgps
+from vgps_ros.search.vgps import VgpsUpdate, vgps
 from vgps_ros.search.workspace import OptimizeAll, Update, Workspace
 from vgps_ros.tasks import Task
 
@@ -52,7 +52,7 @@ class Method:
 
 
 METHODS = {
-    "vgps": Method(vgps, Replaying, raises_bound=True),
+    "vgps": Method(vgps, VgpsUpdate, raises_bound=True),
     "gps": Method(partial(guided_search, adapts=False), GuidedUpdate),
     "adaptive_gps": Method(partial(guided_search, adapts=True), GuidedUpdate),
     "dagger": Method(partial(imitate, weighted=False, adapts=False), Imitation),
@@ -60,7 +60,7 @@ METHODS = {
     "adapted_weighted_dagger": Method(partial(imitate, weighted=True, adapts=True), Imitation),
     "cost_weighted": Method(cost_weighted, Update),
     "cost_weighted_1000": Method(partial(cost_weighted, samples=1000), Update),
-    "mdgps": Method(mdgps, Mirrored, begin=begin),
+    "mdgps": Method(mdgps, MdgpsUpdate, begin=begin),
 }
 
 

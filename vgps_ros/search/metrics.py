@@ -172,7 +172,7 @@ def measure(
         noise_std=tuple(policy.noise_std.tolist()),
         policy_entropy=float(entropy(np.diag(policy.noise_std**2))),
         coverage=float(np.mean(covered)),
-        **bound_metrics(work, before, policy, update.solutions),
+        **_bound_metrics(work, before, policy, update.solutions),
         q_step_seconds=q_step_seconds,
         m_step_seconds=m_step_seconds,
         simulator_steps=work.simulator_steps,
@@ -230,7 +230,7 @@ _REMEDIES = {
 }
 
 
-def bound_metrics(
+def _bound_metrics(
     work: "Workspace",
     before: "SearchState",
     theta: GaussianPolicy,

@@ -23,6 +23,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from threading import Event
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,8 @@ from vgps_ros.core.optimizer_settings import DdpSettings
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import Array, Trajectory
-from vgps_ros.core.settings import setting
-from vgps_ros.search.optimization_request import first_request, nominal_of
+from vgps_ros.core.settings import Range
+from vgps_ros.search.optimization_request import first_request, initial_motion
 from vgps_ros.search.plan_end import PlanEnd
 from vgps_ros.simulation.readings import Readings
 from vgps_ros.tasks import Task
@@ -45,37 +46,33 @@ from vgps_ros.tasks import Task
 class MpcSettings:
     """Settings of the plans."""
 
-    horizon: float = setting(0.5, "length of a plan [s]", minimum=1e-3, maximum=1e3)
-    first_iterations: int = setting(
-        50,
+    horizon: Annotated[float, Range(1e-3, 1e3), "length of a plan [s]"] = 0.5
+    first_iterations: Annotated[
+        int,
+        Range(1, 10_000),
         "largest number of DDP iterations of the first plan, which is made at start, from the "
         "task's initial state; the later ones have one each",
-        minimum=1,
-        maximum=10_000,
-    )
+    ] = 50
     ddp: DdpSettings = field(default_factory=DdpSettings)
-    policy_weight: float = setting(
-        0.1,
+    policy_weight: Annotated[
+        float,
+        Range(0.0, 1e6),
         "weight w of the learned policy, where there is one, in the cost of a plan, "
         "c - w log pi_theta: it keeps a plan away from what only its end makes cheap; 0: the "
         "policy only continues plans",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    end_weight: float = setting(
-        1.0,
+    ] = 0.1
+    end_weight: Annotated[
+        float,
+        Range(0.0, 1e6),
         "weight of what comes after a plan's end by the task's first solution, which is then found "
         "at start; 0: nothing comes after it. It counts where there is no policy, in tasks without "
         "commands whose cost does not change with time and whose robot has no free base",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    plan_age_limit: float = setting(
-        0.4,
+    ] = 1.0
+    plan_age_limit: Annotated[
+        float,
+        Range(1e-3, 1e3),
         "age beyond which a plan must not drive any more; the horizon limits it too [s]",
-        minimum=1e-3,
-        maximum=1e3,
-    )
+    ] = 0.4
 
 
 @dataclass(frozen=True)
@@ -123,7 +120,7 @@ class Planner:
             )
         self.age_limit = min(self.steps - 1, round(settings.plan_age_limit / period))
         self._settings = settings
-        self._at_rest = task.signals.held(task.signals.rest, self.steps)
+        self._at_rest = task.signals.constant_context(task.signals.rest, self.steps)
         self._task = task.commanded(task.signals.rest)
         self.cost = task.cost
         # The first solution turns with no heading, follows no command, and knows no time.
@@ -144,7 +141,7 @@ class Planner:
         request = first_request(task, seed, settings.first_iterations)
         if not self._is_continued:
             task = replace(task, horizon=self.steps, lookahead=0)
-        begun = nominal_of(task, request)
+        begun = initial_motion(task, request)
         cost, iterations = self._cost(0, None, task.planned_context), settings.first_iterations
         found = solve(
             *(task.dynamics, cost, begun.trajectory, settings.ddp, iterations), gaps=begun.gaps

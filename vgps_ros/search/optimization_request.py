@@ -64,10 +64,10 @@ def first_request(task: Task, seed: int, iterations: int) -> OptimizationRequest
     )
 
 
-def nominal_of(
+def initial_motion(
     task: Task, request: OptimizationRequest, is_cancelled: Callable[[], bool] = lambda: False
 ) -> Nominal:
-    """Returns the motion from which a solve starts: of the solve before, given, or the task's own.
+    """Returns the motion from which a solve starts: the last solve's, a given one, or the task's.
 
     Raises:
         DivergenceError: a recorded motion cannot be followed.

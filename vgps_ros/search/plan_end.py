@@ -99,19 +99,12 @@ class PlanEnd:
 
 @dataclass(frozen=True)
 class _EndedCost:
-    """A plan's cost, with what comes after it as a cost of its last state.
+    """A plan's cost, with what comes after it as a cost of its last state."""
 
-    Attributes:
-        cost: of the plan's steps.
-        origin: x̄_t, whole turns included, shape (n_x,).
-        value: V.
-        t: the step of V.
-    """
-
-    cost: TrajectoryCost
-    origin: Array
-    value: CostToGo
-    t: int
+    cost: TrajectoryCost  # of the plan's steps
+    origin: Array  # x̄_t, whole turns included, shape (n_x,)
+    value: CostToGo  # V
+    t: int  # the step of V
 
     def values(self, trajectory: Trajectory) -> Array:
         """Returns the cost of each step, shape (T,)."""

@@ -131,29 +131,18 @@ def renew(
 
 
 @dataclass(frozen=True)
-class _Begun:
-    """A new situation.
+class _Beginning:
+    """A new situation."""
 
-    Attributes:
-        situation: the situation.
-        commands: the commands with which it begins, shape (n_c,).
-        phase: the clock's φ at its start, in turns.
-        signals: of its context; after a push the clock turns also at rest.
-    """
-
-    situation: Situation
-    commands: Array
-    phase: float
-    signals: Signals
+    situation: Situation  # the situation
+    commands: Array  # the commands with which it begins, shape (n_c,)
+    phase: float  # the clock's φ at its start, in turns
+    signals: Signals  # of its context; after a push the clock turns also at rest
 
 
 def _new_situation(
-    work: Workspace,
-    solutions: Sequence[OptimizationResult],
-    policy: GaussianPolicy,
-    k: int,
-    i: int,
-) -> _Begun:
+    work: Workspace, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int, i: int
+) -> _Beginning:
     """Returns a situation that begins where a motion of the policy goes.
 
     Of a few motions it takes the first one with a fall, or else the one that obeys least, or costs
@@ -163,11 +152,11 @@ def _new_situation(
     rng = generator(work.seed, Stream.RENEWAL, k, i)
     period = task.dynamics.time_step
     lasting = draw_disturbance(task, settings.disturb, rng)
-    motion = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
+    motion = _roll_out_policy(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
     for _ in range(_TRIES - 1):
         if motion.fall < len(motion.commands):
             break
-        other = _driven(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
+        other = _roll_out_policy(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
         motion = max(motion, other, key=lambda each: each.error)
     steps, fall, end = len(motion.commands), motion.fall, motion.push_end
     early, late = (round(n * settings.renew.fall_lead / period) for n in (3, 1))
@@ -185,44 +174,35 @@ def _new_situation(
     commands, phase = motion.commands[at], float(motion.phases[at])
     if motion.awake[at] or fall < steps:
         signals = signals.turning
-    context = signals.held(commands, task.planned_horizon, phase)
+    context = signals.constant_context(commands, task.planned_horizon, phase)
     if fall == steps and not end and not least_obeyed and rng.uniform() < _TOLD_ANEW:
         context = drawn_context(task, settings, rng)
         commands, phase = context[0, : len(commands)], signals.phase_of(context[0])
-    return _Begun(Situation(begun, context, lasting), commands, phase, signals)
+    return _Beginning(Situation(begun, context, lasting), commands, phase, signals)
 
 
 @dataclass(frozen=True)
-class _Driven:
-    """A motion of the policy.
+class _PolicyMotion:
+    """A motion of the policy, under commands that change once."""
 
-    Attributes:
-        states: shape (T+1, n_x).
-        commands: of each step, shape (T, n_c); they change once.
-        phases: the clock's φ, shape (T,).
-        push_end: step after a push; 0 where there is none.
-        fall: step of the fall; T where there is none.
-        awake: whether a clock that stops turns in each step, shape (T,).
-        error: largest mean error of a command over the last seconds, as a share of its range, or of
-            a task without commands the mean cost of a step; inf after a fall.
-    """
-
-    states: Array
-    commands: Array
-    phases: Array
-    push_end: int
-    fall: int
-    awake: NDArray[np.bool_]
+    states: Array  # shape (T+1, n_x)
+    commands: Array  # of each step, shape (T, n_c)
+    phases: Array  # the clock's φ, shape (T,)
+    push_end: int  # step after a push; 0 where there is none
+    fall: int  # step of the fall; T where there is none
+    awake: NDArray[np.bool_]  # whether a clock that stops turns in each step, shape (T,)
+    # Largest mean error of a command over the last seconds, as a share of its range, or of a task
+    # without commands the mean cost of a step; inf after a fall.
     error: float
 
 
-def _driven(
+def _roll_out_policy(
     work: Workspace,
     solutions: Sequence[OptimizationResult],
     policy: GaussianPolicy,
     disturbance: Disturbance,
     rng: np.random.Generator,
-) -> _Driven:
+) -> _PolicyMotion:
     """Rolls the policy out for a while, from some start, under some commands, often with a push."""
     task, settings, signals = work.task, work.settings, work.task.signals
     period, space = task.dynamics.time_step, task.dynamics.space
@@ -258,7 +238,7 @@ def _driven(
         cost = task.in_context(context).cost.starting_at(0, steps)
         error = float(cost(states[:, :-1], controls, 0).mean())
     awake = unrest.awake(states[0, :-1]) if unrest else np.zeros(steps, dtype=bool)
-    return _Driven(states[0], commands, phases, push_end, fall, awake, error)
+    return _PolicyMotion(states[0], commands, phases, push_end, fall, awake, error)
 
 
 def drawn_push(
@@ -284,7 +264,7 @@ def _back_home(task: Task, state: Array) -> Array:
 
 def _first_motion(
     work: Workspace,
-    begun: _Begun,
+    begun: _Beginning,
     policy: GaussianPolicy,
     solutions: Sequence[OptimizationResult],
 ) -> Trajectory:
@@ -306,12 +286,14 @@ def _first_motion(
         return own
     warm = round(_WARM_UP / task.dynamics.time_step)
     before = begun.phase - warm * signals.frequency * task.dynamics.time_step
-    running_up = signals.held(begun.commands, warm, before % 1.0)
+    running_up = signals.constant_context(begun.commands, warm, before % 1.0)
     usual = motion(task.initial_state, np.concatenate([running_up, situation.context]))
     if _stays_up(task, usual):
         rest = Trajectory(usual.states[warm:], usual.controls[warm:])
         return _join_at_start(task, start, rest)
-    return own if np.isfinite(own.states).all() else _join_at_start(task, start, _still(task))
+    return (
+        own if np.isfinite(own.states).all() else _join_at_start(task, start, _resting_motion(task))
+    )
 
 
 def _whole_cost(task: Task, motion: Trajectory) -> float:
@@ -349,8 +331,8 @@ def _stays_up(task: Task, motion: Trajectory) -> bool:
     return bool(task.survived(motion.states[None])[0])
 
 
-def _still(task: Task) -> Trajectory:
-    """Returns the task's start, where it is left alone; it need not be feasible."""
+def _resting_motion(task: Task) -> Trajectory:
+    """Returns a motion that stays at the start with controls at rest; it need not be feasible."""
     steps, start = task.planned_horizon, task.initial_state
     resting = task.controls.resting(start)
     return Trajectory(np.tile(start, (steps + 1, 1)), np.tile(resting, (steps, 1)))

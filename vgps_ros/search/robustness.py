@@ -63,16 +63,9 @@ KINDS = {
 # Those that change nothing where they are 1, the others at 0.
 _FACTORS = ("masses", "frictions", "dampings", "armatures", "strengths")
 # What some of them are called in a disturbance.
-_IN_DISTURBANCE = {
-    "ridges": "ridges",
-    "steps": "steps",
-    "payloads": "payload",
-    "frictions": "friction",
-    "dampings": "damping",
-    "armatures": "armature",
-    "strengths": "strength",
-}
-
+_IN_DISTURBANCE = {"ridges": "ridges", "steps": "steps", "strengths": "strength"}
+_IN_DISTURBANCE |= {"payloads": "payload", "frictions": "friction"}
+_IN_DISTURBANCE |= {"dampings": "damping", "armatures": "armature"}
 _IN_JOINTS = {"dampings": "dof_damping", "armatures": "dof_armature"}  # of MuJoCo's model
 
 # Tried on a robot that obeys commands where nothing else is asked for, beside no disturbance.
@@ -334,11 +327,7 @@ def _heavier(task: Task, body: int, factor: float) -> Task:
 
 
 def _with_default_contacts(task: Task) -> Task:
-    """Returns the task where contacts are as hard as MuJoCo's are by default.
-
-    Raises:
-        InvalidInputError: no two geoms of the robot touch with friction.
-    """
+    """Returns the task where contacts are as hard as MuJoCo's are by default."""
     if not can_slide_on_ground(task.dynamics.model):
         raise InvalidInputError(
             f"The contacts shall be MuJoCo's, but no two geoms of the robot of {task.name} can "

@@ -54,21 +54,13 @@ def roll_out(
 
 @dataclass(frozen=True)
 class Execution:
-    """A policy's rollouts with its noise.
+    """A policy's rollouts with its noise."""
 
-    Attributes:
-        task: in its situation.
-        policy: π_θ.
-        noise: what was added to its mean, shape (N, T, n_u).
-        states: x_1 … x_{T+1}, shape (N, T+1, n_x), NaN from where a rollout has diverged.
-        controls: as applied, shape (N, T, n_u).
-    """
-
-    task: Task
-    policy: GaussianPolicy
-    noise: Array
-    states: Array
-    controls: Array
+    task: Task  # in its situation
+    policy: GaussianPolicy  # π_θ
+    noise: Array  # what was added to its mean, shape (N, T, n_u)
+    states: Array  # x_1 … x_{T+1}, shape (N, T+1, n_x), NaN from where a rollout has diverged
+    controls: Array  # as applied, shape (N, T, n_u)
 
     def first(self, count: int) -> "Execution":
         """Returns the first rollouts."""

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from vgps_ros.core.checks import Array, Shape, array_shapes, arrays_of, finite_array
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.search.driven import Driven
+from vgps_ros.search.commanded_motion import CommandedMotion
 from vgps_ros.storage.files import read_archive, write_archive
 from vgps_ros.storage.run_folder import RunFolder, read_result
 from vgps_ros.tasks import recorded_task
@@ -35,7 +35,7 @@ class RunRecord:
     mean_states: Annotated[Array | None, Shape("T+1", "n_x")] = None
     state_covariances: Annotated[Array | None, Shape("T+1", "n_dx", "n_dx")] = None
     executed_states: Annotated[Array | None, Shape("N+1", "n_x")] = None
-    driven: Driven | None = None
+    driven: CommandedMotion | None = None
     faults: tuple[str, ...] = ()
 
     def save_trajectories(self, folder: RunFolder) -> None:

@@ -25,7 +25,7 @@ from vgps_ros.robot.executed_control import Driver
 from vgps_ros.search.calibration import calibrate
 from vgps_ros.search.judgement import (
     SELECTION,
-    Achieved,
+    CommandReadings,
     Trial,
     changing_commands,
     first_phases,
@@ -42,7 +42,7 @@ _SHORTER = (1.0, 0.5, 0.25)  # of a step, that are tried one after another
 
 
 @dataclass(frozen=True)
-class Tried:
+class Performance:
     """Records how a policy did.
 
     Attributes:
@@ -59,12 +59,12 @@ class Tried:
     success: float
     loss: float
 
-    def beats(self, other: "Tried") -> bool:
+    def beats(self, other: "Performance") -> bool:
         """Returns whether it is to be kept rather than an earlier one."""
         mine, theirs = (self.success, -self.loss), (other.success, -other.loss)
         return mine >= theirs
 
-    def is_no_worse_than(self, other: "Tried") -> bool:
+    def is_no_worse_than(self, other: "Performance") -> bool:
         """Returns whether it succeeds as often, or a little less often with no larger error."""
         is_alike = self.success >= other.success - _ALIKE and self.loss <= other.loss
         return self.success >= other.success or is_alike
@@ -116,7 +116,7 @@ def sound_step(
     return before
 
 
-def finish(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Tried:
+def finish(task: Task, settings: SearchSettings, seed: int, best: Performance) -> Performance:
     """Returns the best policy with calibrated commands, if it succeeds about as often with them."""
     policy = calibrate(task, seed, best.policy)
     if policy is best.policy:
@@ -127,9 +127,9 @@ def finish(task: Task, settings: SearchSettings, seed: int, best: Tried) -> Trie
 
 def try_policy(
     task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy, k: int
-) -> Tried:
+) -> Performance:
     """Tries the policy of iteration k; all are tried in the same rollouts."""
-    return Tried(policy, k, *_success_and_loss(task, settings, seed, policy))
+    return Performance(policy, k, *_success_and_loss(task, settings, seed, policy))
 
 
 @lru_cache(maxsize=4)  # each policy is tried as the result of one step, and as the start of another
@@ -154,7 +154,7 @@ def _success_and_loss(
     found = behaviours(task, Driver.of(task.observation, policy), pushes, trial)
     if not task.signals.commands:
         return float(found.up[:, -1].mean()), _mean_cost(task, policy, trial)
-    achieved = [task.signals.commands[i] for i in Achieved.of(task).commands]
+    achieved = [task.signals.commands[i] for i in CommandReadings.of(task).commands]
     error = 0.0
     if achieved and not found.counts.any():
         error = np.inf

@@ -5,14 +5,14 @@ from bisect import bisect
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import Architecture
-from vgps_ros.core.settings import Setting, setting, settings_of, with_values
+from vgps_ros.core.settings import Range, Setting, settings_of, with_values
 from vgps_ros.robot.signals import CommandSettings
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 
@@ -24,7 +24,7 @@ OF_PAPER = (
     *("vgps", "gps", "adaptive_gps", "dagger", "weighted_dagger", "adapted_weighted_dagger"),
     *("cost_weighted", "cost_weighted_1000"),
 )
-METHOD = Setting("method", "vgps", "policy search method", choices=(*OF_PAPER, "mdgps"))
+METHOD = Setting("method", "vgps", "policy search method", kind=Literal[(*OF_PAPER, "mdgps")])
 
 # What each preset sets, by dotted name. That of the paper is Algorithm 1 as written: the policy is
 # fitted to q's marginals alone, by LBFGS, and α falls from 1 to 0.1 by the 50th iteration.
@@ -43,191 +43,164 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 class GpsSettings:
     """Settings of guided policy search and its adaptive variant."""
 
-    redraw: bool = setting(
-        False,
+    redraw: Annotated[
+        bool,
         "whether the best policy is rolled out anew in each iteration, from the same starts and "
         "with the same noise as the latest one, so that it is not judged by its luck",
-    )
-    guiding_noise: float = setting(
-        0.1,
+    ] = False
+    guiding_noise: Annotated[
+        float,
+        Range(1e-6, 1.0),
         "factor on the standard deviation of pi_G's noise that guiding rollouts are drawn with",
-        minimum=1e-6,
-        maximum=1.0,
-    )
+    ] = 0.1
 
 
 @dataclass(frozen=True)
 class MirrorSettings:
     """Settings of mirror descent guided policy search."""
 
-    dynamics: str = setting(
-        "model",
+    dynamics: Annotated[
+        Literal["model", "fitted"],
         "model: the simulator's derivatives; fitted: linear dynamics fitted to the rollouts, and "
         "no DDP",
-        choices=("model", "fitted"),
-    )
-    objective: str = setting(
-        "average",
+    ] = "model"
+    objective: Annotated[
+        Literal["average", "likelihood"],
         "average: E_q[c], near pi_theta, from rollouts of it; likelihood: alpha E_q[c] + "
         "KL(q, pi_theta) as in vgps, near the q before, from rollouts of that",
-        choices=("average", "likelihood"),
-    )
-    kl_bound: float = setting(
-        0.1,
+    ] = "average"
+    kl_bound: Annotated[
+        float,
+        Range(1e-6, 1e3),
         "largest KL divergence of q from what it must stay near, per control step [nat]",
-        minimum=1e-6,
-        maximum=1e3,
-    )
-    exploration: tuple[float, ...] = setting(
-        (1.0,),
+    ] = 0.1
+    exploration: Annotated[
+        tuple[float, ...],
+        Range(1e-9, 1e6),
         "standard deviation of the noise on the first motion where dynamics are fitted, one for "
         "all controls or one for each [unit of the control]",
-        minimum=1e-9,
-        maximum=1e6,
-    )
-    first_steps: int = setting(
-        20,
+    ] = (1.0,)
+    first_steps: Annotated[
+        int,
+        Range(0, 100_000),
         "steps for the cost alone before the first policy, where dynamics are fitted",
-        minimum=0,
-        maximum=100_000,
-    )
+    ] = 20
 
 
 @dataclass(frozen=True)
 class RenewalSettings:
     """Settings of the situations that vgps replaces by new ones, where its policy goes."""
 
-    share: float = setting(
-        0.0,
+    share: Annotated[
+        float,
+        Range(0.0, 1.0),
         "share of the situations, but the first, that are replaced in an iteration; 0: none",
-        minimum=0.0,
-        maximum=1.0,
-    )
-    begin: int = setting(
-        4, "first iteration in which situations are replaced", minimum=1, maximum=100_000
-    )
-    end: int = setting(
-        4, "iterations at the end in which none are replaced", minimum=0, maximum=100_000
-    )
-    seconds: float = setting(
-        8.0,
+    ] = 0.0
+    begin: Annotated[int, Range(1, 100_000), "first iteration in which situations are replaced"] = 4
+    end: Annotated[int, Range(0, 100_000), "iterations at the end in which none are replaced"] = 4
+    seconds: Annotated[
+        float,
+        Range(1e-3, 1e4),
         "length of the policy's motion on which a new situation begins, in which the commands "
         "change once [s]",
-        minimum=1e-3,
-        maximum=1e4,
-    )
-    fall_lead: float = setting(
-        0.3,
+    ] = 8.0
+    fall_lead: Annotated[
+        float,
+        Range(0.0, 1e3),
         "time before a fall after which no situation begins; shortly before it is up to three "
         "times as long. A taller robot falls more slowly [s]",
-        minimum=0.0,
-        maximum=1e3,
-    )
-    push: float = setting(
-        0.0,
+    ] = 0.3
+    push: Annotated[
+        float,
+        Range(0.0, 1e6),
         "largest impulse of a push in that motion; the situation begins up to 0.5 s after it [N*s]",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    pushed: float = setting(0.6, "share of these motions with a push", minimum=0.0, maximum=1.0)
-    ddp_iterations: int = setting(
-        20, "DDP iterations of a new situation's first solve", minimum=1, maximum=100_000
-    )
-    worst: float = setting(
-        1.5,
+    ] = 0.0
+    pushed: Annotated[float, Range(0.0, 1.0), "share of these motions with a push"] = 0.6
+    ddp_iterations: Annotated[
+        int, Range(1, 100_000), "DDP iterations of a new situation's first solve"
+    ] = 20
+    worst: Annotated[
+        float,
+        Range(0.0, 1e6),
         "cost at its end, as a multiple of the first solutions' median, beyond which a new "
         "solution is dropped",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    replay: int = setting(
-        200,
+    ] = 1.5
+    replay: Annotated[
+        int,
+        Range(0, 100_000),
         "situations that were replaced from whose samples the policy still learns",
-        minimum=0,
-        maximum=100_000,
-    )
+    ] = 200
 
 
 @dataclass(frozen=True)
 class KeepSettings:
     """Settings of the rollouts by which a search that renews situations keeps its best policy."""
 
-    rollouts: int = setting(
-        40,
+    rollouts: Annotated[
+        int,
+        Range(0, 10_000),
         "rollouts in which each policy of the second half is tried; 0: the last one is kept",
-        minimum=0,
-        maximum=10_000,
-    )
-    seconds: float = setting(10.0, "length of such a rollout [s]", minimum=1.0, maximum=1e3)
+    ] = 40
+    seconds: Annotated[float, Range(1.0, 1e3), "length of such a rollout [s]"] = 10.0
 
 
 @dataclass(frozen=True)
 class SearchSettings:
     """Settings of a policy search."""
 
-    iterations: int = setting(
-        50, "iterations K, each with one policy update", minimum=1, maximum=100_000
-    )
-    hidden_units: tuple[int, ...] = setting(
-        (5,), "width of each hidden layer of the policy", minimum=1, maximum=10_000
-    )
-    preset: str = setting(
-        "ours",
+    iterations: Annotated[int, Range(1, 100_000), "iterations K, each with one policy update"] = 50
+    hidden_units: Annotated[
+        tuple[int, ...], Range(1, 10_000), "width of each hidden layer of the policy"
+    ] = (5,)
+    preset: Annotated[
+        Literal["ours", "paper"],
         "paper: Algorithm 1 as written, with alpha from 1 to 0.1 by the 50th iteration, no "
         "visited states, and LBFGS; ours: all as the other settings say",
-        choices=tuple(PRESETS),
-    )
-    alphas: tuple[float, ...] = setting(
-        (0.3, 20.0),
+    ] = "ours"
+    alphas: Annotated[
+        tuple[float, ...],
+        Range(1e-9, 1e9),
         "values of alpha, the cost's scale; exponential between them, then constant",
-        minimum=1e-9,
-        maximum=1e9,
-    )
-    alpha_iterations: tuple[int, ...] = setting(
-        (0,),
+    ] = (0.3, 20.0)
+    alpha_iterations: Annotated[
+        tuple[int, ...],
+        Range(0, 100_000),
         "iteration at which each of them is reached; 0 alone spreads them evenly over the run",
-        minimum=0,
-        maximum=100_000,
-    )
-    initial_ddp_iterations: int = setting(
-        80, "DDP iterations of the initial solve (line 1)", minimum=1, maximum=100_000
-    )
-    ddp_iterations: int = setting(
-        3, "DDP iterations of each later solve (line 6)", minimum=1, maximum=100_000
-    )
-    situations: int = setting(
-        1,
+    ] = (0,)
+    initial_ddp_iterations: Annotated[
+        int, Range(1, 100_000), "DDP iterations of the initial solve (line 1)"
+    ] = 80
+    ddp_iterations: Annotated[
+        int, Range(1, 100_000), "DDP iterations of each later solve (line 6)"
+    ] = 3
+    situations: Annotated[
+        int,
+        Range(1, 1000),
         "situations, each with a start, a disturbance and a q of its own, that train one policy; "
         "several have several starts",
-        minimum=1,
-        maximum=1000,
-    )
-    evaluation_rollouts: int = setting(
-        10,
+    ] = 1
+    evaluation_rollouts: Annotated[
+        int,
+        Range(1, 100_000),
         "stochastic rollouts per situation that judge the policy of an iteration; the next one may "
         "learn from the same, so up to policy_rollouts of them cost nothing more",
-        minimum=1,
-        maximum=100_000,
-    )
-    policy_rollouts: int = setting(
-        10,
+    ] = 10
+    policy_rollouts: Annotated[
+        int,
+        Range(1, 1_000_000),
         "rollouts of the policy per situation and iteration, for methods that learn from them",
-        minimum=1,
-        maximum=1_000_000,
-    )
-    visited_limit: float = setting(
-        2.0,
+    ] = 10
+    visited_limit: Annotated[
+        float,
+        Range(0.0, 100.0),
         "largest distance from q, in standard deviations of its marginals, at which states of "
         "such rollouts join the samples of vgps's M-step; 0: the marginals alone, as in the paper",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    supervised_iterations: int = setting(
-        2000,
+    ] = 2.0
+    supervised_iterations: Annotated[
+        int,
+        Range(1, 1_000_000),
         "optimiser iterations of the first fit where a method begins as a copy of the DDP solution",
-        minimum=1,
-        maximum=1_000_000,
-    )
+    ] = 2000
     disturb: DisturbanceSettings = field(default_factory=DisturbanceSettings)
     commands: CommandSettings = field(default_factory=CommandSettings)
     renew: RenewalSettings = field(default_factory=RenewalSettings)

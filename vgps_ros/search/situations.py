@@ -101,7 +101,7 @@ def drawn_context(task: Task, settings: SearchSettings, rng: np.random.Generator
     """Draws commands and the clock's first phase, (T, n_z)."""
     phase, _, _ = rng.uniform(size=3)  # as many as ever, so that seeds mean the same
     commands = task.signals.draw(rng, settings.commands)
-    return task.signals.held(commands, task.planned_horizon, phase)
+    return task.signals.constant_context(commands, task.planned_horizon, phase)
 
 
 def _situation(

@@ -19,14 +19,7 @@ from vgps_ros.core.cost import TrajectoryCost
 from vgps_ros.core.ddp.backward_pass import LocalPolicy, backward_pass
 from vgps_ros.core.ddp.forward_pass import Problem
 from vgps_ros.core.ddp.mean_derivatives import mean_derivatives
-from vgps_ros.core.ddp.solve import (
-    COST_TOLERANCE,
-    Iteration,
-    Solution,
-    Status,
-    centre_of_q,
-    solve,
-)
+from vgps_ros.core.ddp.solve import COST_TOLERANCE, Iteration, Solution, Status, centre_of_q, solve
 from vgps_ros.core.errors import DivergenceError
 from vgps_ros.core.marginals import state_covariances
 from vgps_ros.core.optimizer_settings import DdpSettings, OptimizerSettings
@@ -35,7 +28,7 @@ from vgps_ros.core.policy_cost import PolicyCost, ScaledCost
 from vgps_ros.core.records import LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
 from vgps_ros.robot.executed_control import ExecutedPolicy
-from vgps_ros.search.optimization_request import OptimizationRequest, check_request, nominal_of
+from vgps_ros.search.optimization_request import OptimizationRequest, check_request, initial_motion
 from vgps_ros.search.situations import Situation
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import Task
@@ -92,7 +85,7 @@ def optimize(
     here = request.situation.of(task)
     warned_before = here.dynamics.warnings()
     told = task.in_context(request.situation.context)
-    start = start or nominal_of(told, request, is_cancelled)
+    start = start or initial_motion(told, request, is_cancelled)
     if here.dynamics is not task.dynamics and request.previous is None:
         start = Nominal.guessed(start.trajectory, here.dynamics, start.simulator_steps)
     task = here

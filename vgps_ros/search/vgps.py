@@ -32,7 +32,7 @@ from vgps_ros.search.workspace import Update, Workspace
 
 
 @dataclass(frozen=True)
-class Replaying(Update):
+class VgpsUpdate(Update):
     """The result of one iteration.
 
     Attributes:
@@ -42,7 +42,7 @@ class Replaying(Update):
     replay: tuple[Targets, ...]
 
 
-def vgps(work: Workspace, last: Replaying | None, k: int) -> Replaying:
+def vgps(work: Workspace, last: VgpsUpdate | None, k: int) -> VgpsUpdate:
     """Does iteration k of Algorithm 1."""
     policy = last.policy if last else work.first_policy()  # line 1, with its solutions
     solutions = last.solutions if last else work.initial_solutions
@@ -55,7 +55,7 @@ def vgps(work: Workspace, last: Replaying | None, k: int) -> Replaying:
     work.enter(solutions)
     # Lines 1 and 6 include line 3, since a solution comes with its marginals.
     policy = _fit_policy(work, policy, solutions, k, replay)  # line 4
-    return Replaying(policy, work.reoptimize(solutions, policy, k), replay)  # lines 5 and 6
+    return VgpsUpdate(policy, work.reoptimize(solutions, policy, k), replay)  # lines 5 and 6
 
 
 def _fit_policy(

@@ -10,13 +10,7 @@ import numpy as np
 from vgps_ros.core.dynamics import ControlLaw
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.policy import GaussianPolicy
-from vgps_ros.core.policy_fit import (
-    Targets,
-    fit_policy,
-    fit_to_targets,
-    initial_policy,
-    resample,
-)
+from vgps_ros.core.policy_fit import Targets, fit_policy, fit_to_targets, initial_policy, resample
 from vgps_ros.core.policy_network import Standardization
 from vgps_ros.core.records import Array, TrajectoryDistribution
 from vgps_ros.core.seeding import Stream, generator
@@ -308,19 +302,16 @@ class Workspace:
         began = time.perf_counter()
         outcomes = list(self._optimize_all(requests))
         results = [each for each in outcomes if isinstance(each, OptimizationResult)]
-        check_one_optimizer([*self.initial_solutions, *results])
+        _check_one_optimizer([*self.initial_solutions, *results])
         self.optimization_seconds += time.perf_counter() - began
         self.simulator_steps += sum(result.simulator_steps for result in results)
         return outcomes
 
 
-def check_one_optimizer(results: Sequence[OptimizationResult]) -> None:
+def _check_one_optimizer(results: Sequence[OptimizationResult]) -> None:
     """Checks that all solves of a training, the first one first, were made by the same settings.
 
     In a graph the optimizers have settings of their own, which may change between two solves.
-
-    Raises:
-        InvalidInputError: a setting of a later solve differs.
     """
     all_settings = [result.settings for result in results]
     for settings in all_settings[1:]:

@@ -24,12 +24,6 @@ _RELAXING = (
     (_BIAS.mjBIAS_NONE, _BIAS.mjBIAS_MUSCLE),
     (*_LAGGING, _DYNAMICS.mjDYN_MUSCLE),
 )
-_UNITS = {  # where y is an angle, and where it is a length
-    ControlKind.TORQUE: ("N·m", "N"),
-    ControlKind.POSITION: ("rad", "m"),
-    ControlKind.VELOCITY: ("rad/s", "m/s"),
-    ControlKind.ACTIVATION: ("1", "1"),
-}
 
 
 def controls_of(model: mujoco.MjModel) -> Controls:
@@ -88,7 +82,7 @@ def _actuator(model: mujoco.MjModel, i: int) -> _Actuator:
     if kind is ControlKind.ACTIVATION:
         found = zip((gain, bias, dynamics), _RELAXING, strict=True)
         rests = all(each in known for each, known in found)
-    unit = _UNITS.get(kind, _UNITS[ControlKind.TORQUE])[0 if turns else 1]
+    unit = kind.units[0 if turns else -1]
     largest = CONTROL_BOUND
     if model.actuator_forcelimited[i]:
         largest = float(abs(gear) * np.abs(model.actuator_forcerange[i]).max())
@@ -139,7 +133,7 @@ def closed_loops(mjcf: str, stiffness: Array, damping: Array) -> str:
     spec = mujoco.MjSpec.from_string(mjcf)
     model = spec.compile()
     controls, exact = controls_of(model), dict[int, dict[str, list[float]]]()
-    closed = controls.in_closed_loops(stiffness, damping)
+    closed = controls.with_servos(stiffness, damping)
     for i, actuator in enumerate(spec.actuators):
         k_p, k_d = float(closed.stiffness[i]), float(closed.damping[i])
         if (k_p, k_d) == (controls.stiffness[i], controls.damping[i]):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import known
+from vgps_ros.core.checks import find_name
 from vgps_ros.core.records import Array
 from vgps_ros.simulation.model import actuated_joint_names, joint_names
 
@@ -37,7 +37,7 @@ class BodyFrames:
         Raises:
             InvalidInputError: there is no such body.
         """
-        return self._bodies[known("body", name, list(self._bodies))]
+        return self._bodies[find_name("body", name, list(self._bodies))]
 
     def applied(self, state: Array, body: int, force: Array, torque: Array) -> AppliedForce:
         """Returns what a force at a body's origin and a torque come to in a state (n_x,).

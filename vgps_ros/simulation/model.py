@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.checks import nearest, quote, told
+from vgps_ros.core.checks import error_text, nearest, quote
 from vgps_ros.core.cores import count_cores
 from vgps_ros.core.dynamics import StateSpace
 from vgps_ros.core.errors import InvalidInputError
@@ -64,7 +64,7 @@ def compile_model(mjcf: str, *, is_tried: bool = False) -> mujoco.MjModel:
         _ = [mujoco.MjData(model) for _ in range(count_cores())]  # as a training makes them
     except MUJOCO_ERRORS as error:
         raise InvalidInputError(
-            f"The robot's MJCF, which must need no file, does not compile: {told(error)}."
+            f"The robot's MJCF, which must need no file, does not compile: {error_text(error)}."
         ) from error
     _check_awake(model)  # some of its functions end the process where bodies sleep
     if not 1e-7 <= (step := model.opt.timestep) <= 10.0:

@@ -19,7 +19,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import known, matching, quote, told
+from vgps_ros.core.checks import error_text, find_name, matching_names, quote
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry
 from vgps_ros.simulation.model import MUJOCO_ERRORS
 from vgps_ros.simulation.model_file import read_model
@@ -81,8 +81,9 @@ def changed_spec(path: Path, changes: Values, sensors: Mapping[str, Values]) -> 
     locked = dict[str, float]()
     for pattern, values in changes.get("joints", {}).items():
         if "lock" in values:
-            found = _matching(spec.joints, "joint", pattern, "joints", pattern)
-            locked |= {j.name: values["lock"] for j in found if j.type in _SCALAR_JOINTS}
+            single = [joint for joint in spec.joints if joint.type in _SCALAR_JOINTS]
+            found = _matching(single, "hinge or slide", pattern, "joints", pattern)
+            locked |= {joint.name: values["lock"] for joint in found}
     freed = _to_free(spec, changes.get("free_bodies", ()))
     if "remove_actuators" in changes or "actuators" in changes:
         _drop_references(spec, changes)
@@ -252,7 +253,7 @@ def _compile(spec: mujoco.MjSpec) -> mujoco.MjModel:
             warnings.simplefilter("ignore")
             return spec.compile()
     except MUJOCO_ERRORS as error:
-        sentence = f"the model, as it is changed, does not compile: {told(error)}"
+        sentence = f"the model, as it is changed, does not compile: {error_text(error)}"
         if "opening file" in sentence or "resource" in sentence:
             sentence += "; `changes: {drop: [visual]}` or `{drop: [meshes]}` leaves meshes out"
         raise InvalidEntryError(("model",), f"{sentence}.") from error
@@ -313,7 +314,7 @@ def _matching(elements: Sequence[Any], what: str, pattern: str, *place: str | in
     """Returns the elements whose names a pattern matches; `place` is that of the pattern."""
     by_name = {element.name: element for element in elements}
     with at_entry("changes", *place):
-        return [by_name[name] for name in matching(what, pattern, list(by_name))]
+        return [by_name[name] for name in matching_names(what, pattern, list(by_name))]
 
 
 def _set_option(option: Any, values: Values) -> None:
@@ -469,7 +470,7 @@ def _object(spec: mujoco.MjSpec, record: Values, place: Place) -> tuple[mujoco.m
     several = {"body": "bodies", "xbody": "bodies"}.get(kind, f"{kind}s")
     names = [element.name for element in getattr(spec, several) if element.name]
     with at_entry(*place, kind):
-        return getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), known(kind, record[kind], names)
+        return getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), find_name(kind, record[kind], names)
 
 
 def self_contained(spec: mujoco.MjSpec) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import told
+from vgps_ros.core.checks import error_text
 from vgps_ros.core.errors import InvalidEntryError
 from vgps_ros.simulation.model import MUJOCO_ERRORS
 from vgps_ros.simulation.packages import package_folders
@@ -34,7 +34,7 @@ def read_model(path: Path) -> mujoco.MjSpec:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
     except MUJOCO_ERRORS as error:
-        sentence = f"the model is no valid {'URDF' if is_urdf else 'MJCF'}: {told(error)}."
+        sentence = f"the model is no valid {'URDF' if is_urdf else 'MJCF'}: {error_text(error)}."
         raise InvalidEntryError(("model",), sentence) from error
     _find_meshes(spec, path.absolute())
     if is_urdf:

@@ -10,19 +10,13 @@ OBJECTS = (*FRAMES, "joint", "tendon", "actuator")
 
 @dataclass(frozen=True)
 class SensorType:
-    """A type of sensor.
+    """A type of sensor."""
 
-    Attributes:
-        objects: kinds of objects of which it may measure one; none where it measures the model.
-        parts: names of its scalars; empty if it is one.
-        relative_to: kinds of objects that it may measure against.
-        mujoco_name: its name in MuJoCo's enumeration mjtSensor; empty if that is the same.
-    """
-
+    # Kinds of objects of which it may measure one; none where it measures the model.
     objects: tuple[str, ...]
-    parts: tuple[str, ...] = ()
-    relative_to: tuple[str, ...] = ()
-    mujoco_name: str = ""
+    parts: tuple[str, ...] = ()  # names of its scalars; empty if it is one
+    relative_to: tuple[str, ...] = ()  # kinds of objects that it may measure against
+    mujoco_name: str = ""  # its name in MuJoCo's enumeration mjtSensor; empty if that is the same
 
 
 _SOLIDS = ("geom", "body")

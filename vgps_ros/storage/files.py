@@ -6,31 +6,40 @@ follows the types that the records declare, so that a file can choose none but t
 """
 
 import base64
+import errno
 import json
 import math
 import os
+import stat
 import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from io import BufferedReader, BytesIO
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, BinaryIO, get_args, get_origin, get_type_hints
+from typing import Any, BinaryIO, NewType, get_args, get_origin, get_type_hints
 
 import numpy as np
 import yaml
+from numpy.lib.format import read_array
 from numpy.typing import NDArray
 
+from vgps_ros.core.checks import one_of, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 
-_LARGEST_JSON = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
+Text = NewType("Text", str)
+"""The type of a field of a record that is a text of many lines; any other is a name."""
+
+_LONGEST_NAME = 1000  # letters
+
+_LARGEST_FILE = 2**28  # far more than a policy of 10,000 units or the results of a long run [bytes]
 
 # NumPy's reader raises these of a file that is no archive, is damaged, or holds pickled objects.
 _MALFORMED = (
-    *(zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, MemoryError),
+    *(zipfile.BadZipFile, EOFError, RuntimeError, MemoryError),
     *(KeyError, IndexError, AttributeError, TypeError, ValueError, SyntaxError),
 )
 
@@ -74,22 +83,41 @@ def write_json(path: Path, content: Any) -> None:
         file.write(text.encode())
 
 
+def open_plain(path: Path) -> BufferedReader:
+    """Opens a plain file to read it; a pipe would be waited for, and a device never ends.
+
+    Raises:
+        OSError: it is missing, or no plain file.
+    """
+    file = open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK))  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is no plain file", str(path))
+    return file
+
+
+def read_file(path: Path, largest: int = _LARGEST_FILE) -> bytes:
+    """Returns the content of a plain file.
+
+    Raises:
+        OSError: it is missing, no plain file, or has more bytes than `largest`.
+    """
+    with open_plain(path) as file:
+        if (size := os.fstat(file.fileno()).st_size) > largest:
+            sizes = f"it has {size / 1e6:.0f} MB, and at most {largest / 1e6:.0f} MB are read"
+            raise OSError(errno.EFBIG, sizes, str(path))
+        return file.read(size)
+
+
 def read_json(path: Path) -> Any:
     """Reads a JSON file.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no JSON, no plain file, or is too large or nested too deeply.
+        OSError: as of `read_file`.
+        ValueError: it is no JSON, or is nested too deeply.
     """
-    size = path.stat().st_size
-    if not path.is_file():  # a named pipe would be waited for
-        raise ValueError("it is no plain file")
-    if size > _LARGEST_JSON:
-        raise ValueError(
-            f"it has {size / 1e6:.0f} MB, but at most {_LARGEST_JSON / 1e6:.0f} MB are read"
-        )
     try:
-        return json.loads(path.read_bytes())
+        return json.loads(read_file(path))
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
 
@@ -101,22 +129,20 @@ def write_archive(path: Path, arrays: Mapping[str, NDArray]) -> None:
 
 
 def read_archive(path: Path) -> dict[str, NDArray]:
-    """Reads all arrays of an archive, bit for bit.
+    """Reads all arrays of an archive that is not compressed, bit for bit.
 
     Raises:
         OSError: the file is missing or cannot be read.
         InvalidInputError: it is no archive, damaged, or holds objects, or more than its size.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with open_plain(path) as file, zipfile.ZipFile(file) as archive:
             size, unpacked = path.stat().st_size, sum(i.file_size for i in archive.infolist())
-            if unpacked > size:
-                raise ValueError(f"its {size} bytes would become {unpacked}; save it uncompressed")
-            damaged = archive.testzip()
-        if damaged:
-            raise InvalidInputError(f"the check sum of {damaged} is wrong")
-        with np.load(path, allow_pickle=False) as file:  # noqa: TID251
-            return {name: file[name] for name in file.files}
+            if unpacked > size or any(i.compress_type for i in archive.infolist()):
+                what = f"its {size} bytes would become {unpacked}, or are compressed"
+                raise ValueError(f"{what}; save it uncompressed")
+            members = {name: BytesIO(archive.read(name)) for name in archive.namelist()}
+        return {name.removesuffix(".npy"): read_array(each) for name, each in members.items()}
     except _MALFORMED as error:
         raise InvalidInputError(f"'{path}' is no whole archive of arrays: {error}.") from error
 
@@ -201,7 +227,7 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
 
     Args:
         kind: its type: a record whose fields are records, unions of records and None, tuples of one
-            type, arrays of floats, enumerations, text or numbers.
+            type, arrays of floats, enumerations, names, `Text` or numbers.
         tree: the JSON values.
         arrays: by name.
 
@@ -217,10 +243,15 @@ def from_tree(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     if origin is np.ndarray:
         array = arrays.get(_check_kind(tree, str))
         if array is None or array.dtype != np.float64:
-            raise InvalidInputError(f"{tree} must be the name of an array of 64-bit floats.")
+            raise InvalidInputError(f"{quote(tree)} must name an array of 64-bit floats.")
         return array
+    if kind is Text:
+        return _check_kind(tree, str)
     if issubclass(kind, Enum):
-        return kind(tree)
+        values = [each.value for each in kind]
+        return kind(one_of(f"A {kind.__name__}", _check_kind(tree, str), values))
+    if kind is str and not (_check_kind(tree, str).isprintable() and len(tree) <= _LONGEST_NAME):
+        raise InvalidInputError(f"{quote(tree)} is no name: one prints on a line.")
     if kind is float and type(tree) is int:  # a setting that was given as a whole number
         return tree
     return _check_kind(tree, kind)
@@ -248,7 +279,7 @@ def _record(kind: Any, tree: Any, arrays: Mapping[str, Array]) -> Any:
     (chosen,) = [choice for choice in choices if choice.__name__ == name] or (None,)
     if chosen is None or set(entries) != {f.name for f in fields(chosen)}:
         wanted = " or ".join(choice.__name__ for choice in choices)
-        raise InvalidInputError(f"A record {name!r} stands where a whole {wanted} must be.")
+        raise InvalidInputError(f"A record {quote(name)} stands where a whole {wanted} must be.")
     return from_entries(chosen, entries, arrays)
 
 

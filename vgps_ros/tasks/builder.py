@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 
 from vgps_ros.core.augmentation import Augmentation, Mirror
-from vgps_ros.core.checks import known, matching, quote
+from vgps_ros.core.checks import find_name, matching_names, quote
 from vgps_ros.core.cost import FeatureCost, Following
 from vgps_ros.core.errors import Place, at_entry, refuse_if
 from vgps_ros.core.memory import LAST_ACTION, PastInputs, reading_of
@@ -36,7 +36,7 @@ from vgps_ros.simulation.model import (
 )
 from vgps_ros.simulation.model_changes import changed_spec, self_contained
 from vgps_ros.simulation.readings import Readings
-from vgps_ros.tasks.first_motion import Drawn, keyframe, pose_data, with_beginning
+from vgps_ros.tasks.first_motion import RandomControls, keyframe, pose_data, with_beginning
 from vgps_ros.tasks.schema import (
     Changes,
     CostTerm,
@@ -51,13 +51,7 @@ from vgps_ros.tasks.schema import (
     TaskFile,
 )
 from vgps_ros.tasks.task import Task
-from vgps_ros.tasks.task_file import (
-    Document,
-    find_model,
-    is_multiple,
-    read_task_file,
-    settings_in,
-)
+from vgps_ros.tasks.task_file import Document, find_model, is_multiple, read_task_file, settings_in
 
 
 def load_task(path: Path, name: str) -> Task:
@@ -72,7 +66,7 @@ def load_task(path: Path, name: str) -> Task:
 
 
 def _build(file: TaskFile, document: Document, name: str) -> Task:
-    mjcf = model_text(file, document)
+    mjcf = _model_text(file, document)
     # The text may round the model's numbers, so all compile the same text: nodes, checks and this.
     model = compile_model(mjcf, is_tried=True)
     with at_entry("model"):
@@ -86,10 +80,10 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
     )
     times = file.horizon, file.lookahead  # each of whole control periods
     steps = [math.ceil(time / file.control_period * (1.0 - 1e-9)) for time in times]
-    context = signals.held(signals.nominal, sum(steps))
+    context = signals.constant_context(signals.nominal, sum(steps))
     read = _Reader(dynamics, signals, context)
     with at_entry("start"):
-        start = start_state(file.start, model)
+        start = _start_state(file.start, model)
     cost, observation = _cost(file, read, start), read.observation(file, start)
     optimizer, search = settings_in(file, document)
     task = Task(
@@ -104,7 +98,7 @@ def _build(file: TaskFile, document: Document, name: str) -> Task:
         varied_state_std=read.by_coordinate(file.start.varied or std, ("start", "varied")),
         std_limit=read.by_coordinate(file.marginals.std_limit, ("marginals", "std_limit")),
         observation=observation,
-        begin=Drawn(),  # until the rest is there
+        begin=RandomControls(),  # until the rest is there
         fallen=read.conditions(file.fallen, "fallen"),
         limits=read.conditions(file.limits, "limits"),
         optimizer=optimizer,
@@ -217,7 +211,7 @@ class _Reader:
         of_readings: dict[str, float] = {}
         for pattern, std in file.sensor_noise.items():
             with at_entry("sensor_noise", pattern):
-                of_readings |= dict.fromkeys(matching("reading", pattern, read), std)
+                of_readings |= dict.fromkeys(matching_names("reading", pattern, read), std)
         noise = np.array([of_readings.get(reading_of(name), 0.0) for name in names])
         locked = [name for name, values in file.changes.joints.items() if values.lock is not None]
         with at_entry("mirror"):
@@ -283,14 +277,14 @@ class _Reader:
             return self.names(entry.sensor, entry.index)
         if entry.joint is not None:
             forms = {"sin_cos": ("sin", "cos")}.get(entry.form, (entry.form,))
-            joints = matching("hinge or slide", entry.joint, self.joints)
+            joints = matching_names("hinge or slide", entry.joint, self.joints)
             return [f"{joint}/{form}" for joint in joints for form in forms]
         kind = "position" if entry.joint_positions else "velocity"
         excluded = entry.joint_positions or entry.joint_velocities
         out = {
             joint
             for pattern in (excluded.excluded if excluded else ())
-            for joint in matching("hinge or slide", pattern, self.joints)
+            for joint in matching_names("hinge or slide", pattern, self.joints)
         }
         return [f"{joint}/{kind}" for joint in self.joints if joint not in out]
 
@@ -302,7 +296,7 @@ class _Reader:
         values = np.repeat([spread.position, spread.velocity, of_activation], counts)
         for pattern, value in spread.overrides.items():
             with at_entry(*place, "overrides", pattern):
-                for name in matching("coordinate", pattern, names):
+                for name in matching_names("coordinate", pattern, names):
                     values[names.index(name)] = value
         return values
 
@@ -383,7 +377,7 @@ def _following(target: float | Followed, read: _Reader) -> tuple[Array, Array]:
     if target.command is not None:
         commands = [command.name for command in read.signals.commands]
         with at_entry("command"):
-            known("command", target.command, commands)
+            find_name("command", target.command, commands)
         linear[names.index(f"command/{target.command}")] = 1.0
     else:
         assert target.swing is not None
@@ -404,7 +398,7 @@ def _add_controls(
         chosen = [
             name
             for pattern in given
-            for name in matching("actuator", "*" if pattern == "all" else pattern, actuators)
+            for name in matching_names("actuator", "*" if pattern == "all" else pattern, actuators)
         ]
     each = _each(term.weight, len(chosen), "weight")
     for name, weight in zip(chosen, each, strict=True):
@@ -439,15 +433,11 @@ def _join_columns(columns: Iterable[Array], steps: int) -> Array:
     return values[0] if (values == values[0]).all() else values
 
 
-def model_text(task: TaskFile, document: Document) -> str:
+def _model_text(task: TaskFile, document: Document) -> str:
     """Returns the model with its changes and sensors as one MJCF text that needs no other file.
 
     It is the robot's own text where that can stand as it is, since to write it anew rounds the
     orientation of its inertias in the last bits. Another process makes it, but of a built-in task.
-
-    Raises:
-        InvalidInputError: the model does not compile or asks for too much, or a change names what
-            it lacks.
     """
     path, changes = find_model(task.model, document.folder), msgspec.to_builtins(task.changes)
 
@@ -461,7 +451,8 @@ def model_text(task: TaskFile, document: Document) -> str:
                 f"step, {step:g} s.",
                 "control_period",
             )
-            if task.changes == Changes() and not task.sensors:
+            are_moved = _move_mocap(spec, task.start)
+            if task.changes == Changes() and not task.sensors and not are_moved:
                 with suppress(UnicodeDecodeError):
                     yield path.read_text()
             with at_entry("model"):
@@ -470,16 +461,40 @@ def model_text(task: TaskFile, document: Document) -> str:
     return next(texts()) if path.is_relative_to(Path(__file__).parent) else try_model(texts)
 
 
-def start_state(start: Start, model: mujoco.MjModel) -> Array:
+_LAGGING = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+
+
+def _move_mocap(spec: mujoco.MjSpec, start: Start) -> bool:
+    """Moves mocap bodies, which are no part of a state, to where the start's keyframe has them.
+
+    Returns whether there are any.
+    """
+    if start.keyframe is None or not any(body.mocap for body in spec.bodies):
+        return False
+    model = spec.compile()
+    with at_entry("start", "keyframe"):
+        key = keyframe(model, start.keyframe)
+    for i in np.flatnonzero(model.body_mocapid >= 0):
+        body, place = spec.body(model.body(i).name), model.body_mocapid[i]
+        body.set_frame(body.parent.add_frame())  # an even one, since its place counts all
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        body.pos = model.key_mpos[key].reshape(-1, 3)[place]
+        body.quat = model.key_mquat[key].reshape(-1, 4)[place]
+    return True
+
+
+def _start_state(start: Start, model: mujoco.MjModel) -> Array:
     """Returns the mean of x_1, shape (n_x,).
 
-    Raises:
-        InvalidEntryError: the start names what the model lacks.
+    An actuator that lags has followed the control of a keyframe that says nothing of activations.
     """
     data = mujoco.MjData(model)
     if start.keyframe is not None:
         with at_entry("keyframe"):
             mujoco.mj_resetDataKeyframe(model, data, keyframe(model, start.keyframe))
+        lagging = np.flatnonzero(np.isin(model.actuator_dyntype, _LAGGING))
+        if not data.act.any():
+            data.act[model.actuator_actadr[lagging]] = data.ctrl[lagging]
     names = [model.joint(i).name for i in range(model.njnt)]
     for key, values, addresses in (
         ("positions", data.qpos, model.jnt_qposadr),
@@ -487,7 +502,7 @@ def start_state(start: Start, model: mujoco.MjModel) -> Array:
     ):
         for name, given in getattr(start, key).items():
             with at_entry(key, name):
-                i = names.index(known("joint", name, names))
+                i = names.index(find_name("joint", name, names))
                 end = [*addresses[1:], len(values)][i]
                 numbers, size = np.atleast_1d(np.array(given, dtype=float)), end - addresses[i]
                 refuse_if(

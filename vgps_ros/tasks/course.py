@@ -19,20 +19,17 @@ import numpy as np
 from vgps_ros.core.checks import finite_array, positive, quote
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
-from vgps_ros.storage.files import read_yaml
+from vgps_ros.core.settings import Range, Setting
+from vgps_ros.storage.files import read_file, read_yaml
 
 FIELDS = ("linear/x", "linear/y", "linear/z", "angular/x", "angular/y", "angular/z")
 FIGURE_OF_EIGHT = "figure_of_eight"
-SPEED = Setting(
-    "speed", 0.4, f"forward speed of {FIGURE_OF_EIGHT} [m/s]", minimum=1e-3, maximum=100.0
-)
+SPEED = Setting("speed", 0.4, Range(1e-3, 100.0), f"forward speed of {FIGURE_OF_EIGHT} [m/s]")
 TURN = Setting(
     "turn",
     0.5,
+    Range(1e-3, 100.0),
     f"turning speed of {FIGURE_OF_EIGHT}, whose circles have the radius speed / turn [rad/s]",
-    minimum=1e-3,
-    maximum=100.0,
 )
 _LONGEST = 86_400.0  # [s]
 
@@ -87,7 +84,7 @@ def course_of(name: str, speed: float = SPEED.default, turn: float = TURN.defaul
         return figure_of_eight(speed, turn)
     path = Path(name)
     try:
-        text = path.read_bytes()
+        text = read_file(path)
     except OSError as error:
         raise InvalidInputError(
             f"The course '{path}' cannot be read ({error.strerror}); name {FIGURE_OF_EIGHT}, or a "

@@ -7,11 +7,12 @@ start and a disturbance of its own, and its own q(ζ), since the dynamics differ
 """
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from vgps_ros.core.errors import InvalidInputError
-from vgps_ros.core.settings import setting
+from vgps_ros.core.settings import Range
 
 _STEEPEST = 1.0  # [rad]
 _WEAKEST = 0.01  # of the largest forces; MuJoCo takes an empty range for none
@@ -91,63 +92,47 @@ class Disturbance:
 class DisturbanceSettings:
     """Settings of the situations that are drawn, each with a disturbance."""
 
-    start_before: float = setting(
-        0.0,
+    start_before: Annotated[
+        float,
+        Range(0.0, 1e6),
         "time of the first motion before which all but the first situation start [s]",
-        minimum=0.0,
-        maximum=1e6,
-    )
-    body: str = setting("", "body that is pushed and bears a payload; empty: the heaviest one")
-    push: float = setting(
-        0.0, "horizontal impulse in a random direction [N*s]", minimum=0.0, maximum=1e6
-    )
-    push_before: float = setting(
-        0.0,
+    ] = 0.0
+    body: Annotated[str, "body that is pushed and bears a payload; empty: the heaviest one"] = ""
+    push: Annotated[float, Range(0.0, 1e6), "horizontal impulse in a random direction [N*s]"] = 0.0
+    push_before: Annotated[
+        float,
+        Range(0.0, 1e6),
         "time before which it begins [s]; 0: at once, so that no motion is optimised to await it",
-        minimum=0.0,
-        maximum=1e6,
+    ] = 0.0
+    push_duration: Annotated[float, Range(1e-6, 1e3), "time over which a push is spread [s]"] = 0.1
+    payload: Annotated[float, Range(0.0, 1e6), "largest mass that is added to the body [kg]"] = 0.0
+    friction: Annotated[float, Range(0.0, 0.99), "largest change of friction, as a share of it"] = (
+        0.0
     )
-    push_duration: float = setting(
-        0.1, "time over which a push is spread [s]", minimum=1e-6, maximum=1e3
-    )
-    payload: float = setting(
-        0.0, "largest mass that is added to the body [kg]", minimum=0.0, maximum=1e6
-    )
-    friction: float = setting(
-        0.0, "largest change of friction, as a share of it", minimum=0.0, maximum=0.99
-    )
-    slope: float = setting(
-        0.0, "largest slope of the ground, up or down [rad]", minimum=0.0, maximum=_STEEPEST
-    )
-    ridges: float = setting(
-        0.0, "largest height of ridges in the ground [m]", minimum=0.0, maximum=1.0
-    )
-    steps: float = setting(
-        0.0, "largest height of steps in the ground [m]", minimum=0.0, maximum=1.0
-    )
-    joints: float = setting(
-        0.0,
+    slope: Annotated[
+        float, Range(0.0, _STEEPEST), "largest slope of the ground, up or down [rad]"
+    ] = 0.0
+    ridges: Annotated[float, Range(0.0, 1.0), "largest height of ridges in the ground [m]"] = 0.0
+    steps: Annotated[float, Range(0.0, 1.0), "largest height of steps in the ground [m]"] = 0.0
+    joints: Annotated[
+        float,
+        Range(0.0, 100.0),
         "largest change of the joints' damping, and of their armature: 1 is from half to twice",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    strength: float = setting(
-        0.0, "largest loss of the actuators' largest force, as a share of it", minimum=0.0,
-        maximum=0.99,
-    )  # fmt: skip
-    gain: float = setting(
-        0.0,
+    ] = 0.0
+    strength: Annotated[
+        float, Range(0.0, 0.99), "largest loss of the actuators' largest force, as a share of it"
+    ] = 0.0
+    gain: Annotated[
+        float,
+        Range(0.0, 100.0),
         "largest change of the actuators' gain, a servo's stiffness and damping or a motor's "
         "force: 0.1 is from 1/1.1 to 1.1 times",
-        minimum=0.0,
-        maximum=100.0,
-    )
-    friction_loss: float = setting(
-        0.0,
+    ] = 0.0
+    friction_loss: Annotated[
+        float,
+        Range(0.0, 1e6),
         "largest dry friction that is added to the joints with an actuator [N*m]",
-        minimum=0.0,
-        maximum=1e6,
-    )
+    ] = 0.0
 
 
 def check_push_ends(

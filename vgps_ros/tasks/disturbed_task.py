@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vgps_ros.core.checks import known
+from vgps_ros.core.checks import find_name
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
@@ -53,7 +53,7 @@ def disturb_task(task: Task, disturbance: Disturbance) -> Task:
             "disturb.friction or --frictions."
         )
     if disturbance.changes_model:
-        model = disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
+        model = _disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
     push = _push(disturbance, body, task.dynamics.time_step)
     return on_dynamics(task, Dynamics(model, task.dynamics.substeps, push=push))
 
@@ -79,7 +79,7 @@ def on_dynamics(task: Task, dynamics: Dynamics) -> Task:
     )
 
 
-def in_closed_loops(task: Task, stiffness: Array, damping: Array) -> Task:
+def with_servos(task: Task, stiffness: Array, damping: Array) -> Task:
     """Returns the task with servos in place of motors; see `simulation.controls.closed_loops`.
 
     No cost of the task scores their controls, which are targets of positions.
@@ -138,7 +138,7 @@ def body_number(task: Task, name: str) -> int:
     if not name:
         return int(np.argmax(task.dynamics.model.body_mass))
     names = body_names(task.mjcf)[1:]
-    return 1 + names.index(known("body", name, names))
+    return 1 + names.index(find_name("body", name, names))
 
 
 def _push(disturbance: Disturbance, body: int, time_step: float) -> BodyPush:
@@ -191,13 +191,8 @@ _OF_FLOOR = (
 )
 
 
-def disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
-    """Returns the model of an MJCF with a disturbance's load on a body, friction, ground, joints.
-
-    Raises:
-        InvalidInputError: ridges or steps are wanted, but there is no floor; or actuators shall be
-            weaker or stronger, but none has a largest force.
-    """
+def _disturbed_model(mjcf: str, body: str, disturbance: Disturbance) -> mujoco.MjModel:
+    """Returns the model of an MJCF with a disturbance of a body, friction, the ground or joints."""
     spec = _named_model(mjcf)
     model = spec.compile()
     if payload := disturbance.payload:

@@ -21,8 +21,6 @@ from vgps_ros.core.memory import Memory
 from vgps_ros.core.records import Array
 from vgps_ros.tasks import BUILT_IN, make_task
 
-# Torque of an action of 1, about the largest torque of the DDP solution [N·m].
-TORQUE_SCALE = {"swimmer": 100.0, "walker": 200.0}
 _UNLIMITED = 1e6  # a control's range beyond it is none
 
 
@@ -36,8 +34,8 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
 
     Args:
         task: a name, a task file or its folder, or FILE.py:FUNCTION.
-        torque_scale: control for an action of 1 [N·m for motors]; None for the task's entry in
-            `TORQUE_SCALE`, or else for the largest control that the model allows, or 1.
+        torque_scale: control for an action of 1 [N·m for motors]; None for the largest one that the
+            model allows, or 1 where it has no limit, as those of the swimmer and the walker have.
         reward_scale: factor of the reward.
         render_mode: must be None, since the environment draws nothing.
 
@@ -57,7 +55,7 @@ class TaskEnvironment(gymnasium.Env[Array, Array]):
     ):
         self._task = make_task(task)
         largest = self._task.dynamics.control_limits[1]
-        own = TORQUE_SCALE.get(task, np.where(largest < _UNLIMITED, largest, 1.0))
+        own = np.where(largest < _UNLIMITED, largest, 1.0)
         self._torque_scale = own if torque_scale is None else positive("torque_scale", torque_scale)
         self._reward_scale = positive("reward_scale", reward_scale)
         self.render_mode = render_mode

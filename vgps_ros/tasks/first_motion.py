@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import mujoco
 import numpy as np
 
-from vgps_ros.core.checks import known, matching
+from vgps_ros.core.checks import find_name, matching_names
 from vgps_ros.core.ddp.solve import Status, solve
 from vgps_ros.core.ddp.tracking import track
 from vgps_ros.core.errors import DivergenceError, InvalidInputError, at_entry, refuse_if
@@ -51,11 +51,11 @@ def with_beginning(task: Task, entry: Begin, folder: Path) -> Task:
         with at_entry("file"):
             return with_demonstration(task, file_inside(folder, entry.file))
     if isinstance(entry, Pd):
-        begin = Made(partial(_execute, _pd_law(task, entry)))
+        begin = FunctionMotion(partial(_execute, _pd_law(task, entry)))
     elif isinstance(entry, Sampling):
         begin = _sampling_search(task, entry)
     elif isinstance(entry, PathMotion):
-        begin = AlongPath(path_states(task, entry, folder))
+        begin = AlongPath(_path_states(task, entry, folder))
     elif isinstance(entry, BestMotion):
         begin = _several(task, entry)
     elif isinstance(entry, Noise):
@@ -65,9 +65,9 @@ def with_beginning(task: Task, entry: Begin, folder: Path) -> Task:
             f"it has {std.size} values, but the model has {n_u} actuators.",
             "std",
         )
-        begin = Drawn(std, entry.time_constant)
+        begin = RandomControls(std, entry.time_constant)
     else:
-        begin = Drawn()
+        begin = RandomControls()
     return replace(task, begin=begin)
 
 
@@ -82,7 +82,7 @@ def with_demonstration(task: Task, path: Path) -> Task:
     """
     if path.suffix not in (".onnx", ".json"):  # of policies
         recorded = load_demonstration(task, path)
-        return replace(task, begin=Recorded(recorded), initial_state=recorded.states[0])
+        return replace(task, begin=TrackedMotion(recorded), initial_state=recorded.states[0])
     drive = partial(_driven, driver_of(task.deployment, open_policy(path)))
     shown = drive(task, task.initial_state, task.planned_horizon)
     sound = np.isfinite(shown.states).all(axis=1)
@@ -92,11 +92,11 @@ def with_demonstration(task: Task, path: Path) -> Task:
             f"The motion of '{path}' diverges after {seconds:.2f} s, so no training can start from "
             "it; check the metadata's joint_names, observation_names and action_scale."
         )
-    return replace(task, begin=Recorded(shown, Made(drive)))
+    return replace(task, begin=TrackedMotion(shown, FunctionMotion(drive)))
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RandomControls:
     """Executes controls that do not look at the state: zero, or smooth noise.
 
     Attributes:
@@ -146,7 +146,7 @@ class AlongPath:
 
 
 @dataclass(frozen=True)
-class Made:
+class FunctionMotion:
     """A motion that a function makes, from any start and for as long as it is asked to.
 
     Attributes:
@@ -163,7 +163,7 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Recorded:
+class TrackedMotion:
     """A recorded motion, which a rollout follows.
 
     Attributes:
@@ -283,9 +283,9 @@ def _several(task: Task, entry: BestMotion) -> Best:
     """Returns the motions of which the best one is chosen."""
     low, high = task.dynamics.control_limits
     still = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
-    held = Made(partial(_execute, _pd_law(task, Pd())))
+    held = FunctionMotion(partial(_execute, _pd_law(task, Pd())))
     half = half_ranges(low, high)
-    noisy = [Drawn(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
+    noisy = [RandomControls(share * half, time) for share in (0.1, 0.3, 1.0) for time in (0.1, 0.5)]
     arriving = [Arrival(window, seed) for window in (0.3, 0.6, 1.0) for seed in (0, 1)]
     # And short plans, one after another, for what is struck or turned again and again:
     step, std = task.dynamics.time_step, tuple(half.tolist())
@@ -303,7 +303,7 @@ def _execute(
 
 def _driven(driver: Driver, task: Task, start: Array, steps: int) -> Trajectory:
     """Returns the motion of a policy without its noise."""
-    context, mean = task.planned_context, driver.started()
+    context, mean = task.planned_context, driver.new_law()
 
     def law(t: int, x: Array) -> Array:
         told = driver.observation.within(context[min(t, len(context) - 1)])
@@ -398,7 +398,7 @@ def pose_data(model: mujoco.MjModel, start: Array, pose: Pose) -> mujoco.MjData:
     if isinstance(pose, dict):
         for pattern, position in pose.items():
             with at_entry(pattern):
-                for name in matching("hinge or slide", pattern, joint_names(model)):
+                for name in matching_names("hinge or slide", pattern, joint_names(model)):
                     data.joint(name).qpos[:] = position
     elif pose != "start":
         data.qpos[:] = model.key_qpos[keyframe(model, pose)]
@@ -415,7 +415,7 @@ def _by_joint(given: Any, default: Array, names: list[str], key: str) -> Array:
     values = default.copy()
     for pattern, value in given.items():
         with at_entry(key, pattern):
-            found = matching("driven joint", pattern, names)
+            found = matching_names("driven joint", pattern, names)
         values[[i for i, name in enumerate(names) if name in found]] = value
     return values
 
@@ -470,14 +470,11 @@ def _std(begin: Sampling, low: Array, high: Array) -> Array:
     return np.broadcast_to(std, low.shape).astype(float)
 
 
-def path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
+def _path_states(task: Task, begin: PathMotion, folder: Path) -> Array:
     """Returns the states of a path over the planned horizon, shape (T+1, n_x).
 
     Positions are those of the path, velocities are their differences over time, and activations
     are zero.
-
-    Raises:
-        InvalidInputError: the path names what the model or its file lacks.
     """
     states = np.tile(_at_rest(task), (task.planned_horizon + 1, 1))
     if begin.file is not None:
@@ -523,4 +520,4 @@ def keyframe(model: mujoco.MjModel, wanted: str | int) -> int:
     names = [model.key(i).name or str(i) for i in range(model.nkey)]
     if isinstance(wanted, int) and wanted < model.nkey:
         return wanted
-    return names.index(known("keyframe", str(wanted), names))
+    return names.index(find_name("keyframe", str(wanted), names))

@@ -24,7 +24,7 @@ from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.robot.controls import CONTROL_BOUND
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import state_names
-from vgps_ros.storage.files import replacing
+from vgps_ros.storage.files import read_file, replacing
 from vgps_ros.tasks.task import Task
 
 
@@ -35,8 +35,7 @@ def read_rows(path: Path) -> tuple[list[str], Array]:
         InvalidInputError: the file is not readable as a table of numbers.
     """
     try:
-        with path.open(newline="") as file:
-            header, *rows = csv.reader(file)
+        header, *rows = csv.reader(io.StringIO(read_file(path).decode(), newline=""))
         names = [name.strip() for name in header]
         return names, np.array(rows, dtype=float).reshape(len(rows), len(names))
     except (OSError, ValueError, csv.Error) as error:

@@ -159,6 +159,6 @@ TASK = Setting(
 DEMONSTRATION = Setting(
     "demonstration",
     "",
-    "table of a recorded motion to start from, or a policy (.json, .onnx) that makes it; the same "
-    "for optimizer and learner; empty: the task's own start",
+    "table of a recorded motion to start from, or a policy (.json, .onnx) that "
+    "makes it; the same for optimizer and learner; empty: the task's own start",
 )

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, field
 
+from vgps_ros.core.settings import Range
 from vgps_ros.simulation.sensor_types import SENSOR_TYPES
 
 
@@ -22,6 +23,26 @@ class Record(
 
     Records repeat `frozen` and `kw_only`, which they inherit, since mypy does not see that.
     """
+
+    def __init_subclass__(cls) -> None:
+        """Says in the words of msgspec what settings say too: ranges and descriptions."""
+        super().__init_subclass__()
+        cls.__annotations__ = {
+            name: Annotated[(form.__origin__, *map(_as_meta, form.__metadata__))]
+            for name, form in cls.__annotations__.items()
+        }
+
+
+def _as_meta(note: Any) -> Meta:
+    """Returns what msgspec reads in place of a range or a description."""
+    if isinstance(note, Range):
+        return Meta(ge=note.low, le=note.high)
+    return Meta(description=note) if isinstance(note, str) else note
+
+
+def example(value: Any) -> Meta:
+    """Returns an example of a key's value, for errors and editors."""
+    return Meta(examples=[value])
 
 
 Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
@@ -35,11 +56,6 @@ Vector = tuple[Number, Number, Number]
 Coordinates = Number | tuple[Number, ...]
 
 
-def about(description: str, *examples: Any, **bounds: Any) -> Meta:
-    """Returns a field's description, examples of its value, and bounds such as ge=2."""
-    return Meta(description=description, examples=list(examples) or None, **bounds)
-
-
 Index = str | Annotated[int, Meta(ge=0, le=10_000)]
 Indices = Index | tuple[Index, ...]
 
@@ -47,14 +63,15 @@ Indices = Index | tuple[Index, ...]
 class Followed(Record, frozen=True, kw_only=True):
     """A target that follows a command or the clock."""
 
-    command: Annotated[Name | None, about("the command that is added to rest", "forward")] = None
+    command: Annotated[Name | None, "the command that is added to rest", example("forward")] = None
     swing: Annotated[
         Number | None,
-        about("height of max(0, sin(2π(clock + phase))), which is added to rest", 0.06),
+        "height of max(0, sin(2π(clock + phase))), which is added to rest",
+        example(0.06),
     ] = None
-    phase: Annotated[Number, about("with swing, its lead on the clock [turns]", 0.5)] = 0.0
+    phase: Annotated[Number, "with swing, its lead on the clock [turns]", example(0.5)] = 0.0
     rest: Annotated[
-        Number, about("the target where the command is zero, or a foot is down", 0.02)
+        Number, "the target where the command is zero, or a foot is down", example(0.02)
     ] = 0.0
 
 
@@ -64,7 +81,7 @@ Target = Number | Followed
 class Stance(Record, frozen=True, kw_only=True):
     """When a foot whose swings have this lead on the clock is down."""
 
-    stance: Annotated[Number, about("its lead on the clock, as of its swing [turns]", 0.5)]
+    stance: Annotated[Number, "its lead on the clock, as of its swing [turns]", example(0.5)]
 
 
 class CostTerm(Record, frozen=True, kw_only=True):
@@ -72,51 +89,49 @@ class CostTerm(Record, frozen=True, kw_only=True):
 
     sensor: Annotated[
         Name | None,
-        about("a sensor, or a scalar's full name such as height/z or hip/position", "velocity"),
+        "a sensor, or a scalar's full name such as height/z or hip/position",
+        example("velocity"),
     ] = None
     index: Annotated[
-        Indices | None, about("parts of the sensor, by name or number; left out: all", "x")
+        Indices | None, "parts of the sensor, by name or number; left out: all", example("x")
     ] = None
     target: Annotated[
         Target | tuple[Target, ...],
-        about(
-            "wanted value, or one for each part, in the sensor's unit; or what it follows, as "
-            "{command: forward} or {swing: 0.06, phase: 0.5, rest: 0.02}",
-            1.0,
-        ),
+        "wanted value, or one for each part, in the sensor's unit; or what it follows, as "
+        "{command: forward} or {swing: 0.06, phase: 0.5, rest: 0.02}",
+        example(1.0),
     ] = 0.0
     weight: Annotated[
         NonNegative | tuple[NonNegative, ...],
-        about("weight, or one for each part [1 / square of the unit]", 1.0),
+        "weight, or one for each part [1 / square of the unit]",
+        example(1.0),
     ] = 1.0
     norm: Annotated[
         Literal["quadratic", "smooth_abs"],
-        about("d², or smooth_abs, √(d² + width²) − width, which is milder far away", "smooth_abs"),
+        "d², or smooth_abs, √(d² + width²) − width, which is milder far away",
+        example("smooth_abs"),
     ] = "quadratic"
     width: Annotated[
-        Positive, about("deviation below which smooth_abs is round, in the sensor's unit", 0.1)
+        Positive, "deviation below which smooth_abs is round, in the sensor's unit", example(0.1)
     ] = 0.1
     when: Annotated[
         Literal["moving", "still"] | Stance | None,
-        about(
-            "moving: it counts only while anything is commanded; still: only while nothing is; "
-            "{stance: PHASE}: while a foot with this phase is down, times max(0, -sin(2π(clock + "
-            "PHASE)))",
-            "still",
-        ),
+        "moving: it counts only while anything is commanded; still: only while nothing is; "
+        "{stance: PHASE}: while a foot with this phase is down, times max(0, -sin(2π(clock + "
+        "PHASE)))",
+        example("still"),
     ] = None
     control: Annotated[
         Name | tuple[Name, ...] | None,
-        about("instead of a sensor, actuators whose u² counts [N²·m²]: all, or names", "all"),
+        "instead of a sensor, actuators whose u² counts [N²·m²]: all, or names",
+        example("all"),
     ] = None
     pose: Annotated[
         Pose | None,
-        about(
-            "with control, start, a keyframe, or positions of joints that differ from the start: "
-            "what counts is (u − u*)², where u* is the control by which a servo of positions rests "
-            "in this pose, in the unit of its ctrlrange, and 0 of other actuators",
-            "start",
-        ),
+        "with control, start, a keyframe, or positions of joints that differ from the start: "
+        "what counts is (u − u*)², where u* is the control by which a servo of positions rests "
+        "in this pose, in the unit of its ctrlrange, and 0 of other actuators",
+        example("start"),
     ] = None
 
 
@@ -124,48 +139,41 @@ class CommandEntry(Record, frozen=True, kw_only=True):
     """A number that the policy is told as it runs, and shall bring about."""
 
     range: Annotated[
-        tuple[Number, Number], about("smallest and largest value that is learned", (-0.5, 1.0))
+        tuple[Number, Number], "smallest and largest value that is learned", example((-0.5, 1.0))
     ]
     source: Annotated[
         Name | None,
-        about(
-            "topic and field that it comes from, under the node's namespace; left out: it comes by "
-            "the topic `command` alone",
-            "cmd_vel/linear/x",
-        ),
+        "topic and field that it comes from, under the node's namespace; left out: it comes by "
+        "the topic `command` alone",
+        example("cmd_vel/linear/x"),
     ] = field(name="from", default=None)
-    unit: Annotated[str, about("its unit, for people", "m/s")] = ""
+    unit: Annotated[str, "its unit, for people", example("m/s")] = ""
 
 
 class MirrorEntry(Record, frozen=True, kw_only=True):
     """The exchange of left and right, by names."""
 
     swap: Annotated[
-        tuple[tuple[Name, Name], ...],
-        about("parts of names to exchange", [["left", "right"]]),
+        tuple[tuple[Name, Name], ...], "parts of names to exchange", example([["left", "right"]])
     ]
     flip: Annotated[
         tuple[Name, ...],
-        about(
-            "what has the other sign on the other side, by name or pattern: joints, readings, "
-            "command/NAME, clock/*",
-            ["*_hip", "up/y", "turning/[xz]", "command/turn"],
-        ),
+        "what has the other sign on the other side, by name or pattern: joints, readings, "
+        "command/NAME, clock/*",
+        example(["*_hip", "up/y", "turning/[xz]", "command/turn"]),
     ] = ()
 
 
 class Clock(Record, frozen=True, kw_only=True):
     """A phase that turns with time."""
 
-    frequency: Annotated[Positive, about("turns in a second [Hz]", 2.0)]
+    frequency: Annotated[Positive, "turns in a second [Hz]", example(2.0)]
     stops: Annotated[
         bool,
-        about(
-            "whether it stands still while all commands are at rest, and the base has neither been "
-            "tilted nor pushed lately: sine and cosine, and what swings with them, are zero then, "
-            "so that the robot learns to stand",
-            True,
-        ),
+        "whether it stands still while all commands are at rest, and the base has neither been "
+        "tilted nor pushed lately: sine and cosine, and what swings with them, are zero then, "
+        "so that the robot learns to stand",
+        example(True),
     ] = False
 
 
@@ -173,29 +181,32 @@ class Except(Record, frozen=True, kw_only=True):
     """Joints that are left out."""
 
     excluded: Annotated[
-        tuple[Name, ...], about("names or patterns of joints to leave out", ["root_x"])
+        tuple[Name, ...], "names or patterns of joints to leave out", example(["root_x"])
     ] = field(name="except")
 
 
 class ObservedEntry(Record, frozen=True, kw_only=True):
     """Values that the policy reads: of one joint, one sensor, or all joints but some."""
 
-    joint: Annotated[Name | None, about("a hinge or slide, or a pattern", "hip")] = None
+    joint: Annotated[Name | None, "a hinge or slide, or a pattern", example("hip")] = None
     form: Annotated[
         Literal["position", "velocity", "sin_cos"],
-        about("with joint, how it is read; sin_cos gives sine and cosine of an angle", "sin_cos"),
+        "with joint, how it is read; sin_cos gives sine and cosine of an angle",
+        example("sin_cos"),
     ] = field(name="as", default="position")
-    sensor: Annotated[Name | None, about("a sensor", "up")] = None
+    sensor: Annotated[Name | None, "a sensor", example("up")] = None
     index: Annotated[
-        Indices | None, about("parts of the sensor, by name or number; left out: all", "z")
+        Indices | None, "parts of the sensor, by name or number; left out: all", example("z")
     ] = None
     joint_positions: Annotated[
         Except | None,
-        about("positions of all hinges and slides but these", {"except": ["root_x"]}),
+        "positions of all hinges and slides but these",
+        example({"except": ["root_x"]}),
     ] = None
     joint_velocities: Annotated[
         Except | None,
-        about("velocities of all hinges and slides but these", {"except": ["root_x"]}),
+        "velocities of all hinges and slides but these",
+        example({"except": ["root_x"]}),
     ] = None
 
 
@@ -203,12 +214,16 @@ class Limit(Record, frozen=True, kw_only=True):
     """A bound of one scalar, which is crossed below, above, or on either side of zero."""
 
     sensor: Annotated[
-        Name, about("a sensor, or a scalar's full name such as height/z or hip/position", "height")
+        Name,
+        "a sensor, or a scalar's full name such as height/z or hip/position",
+        example("height"),
     ]
-    index: Annotated[Index | None, about("the part of the sensor", "z")] = None
-    below: Annotated[Number | None, about("crossed below this value", 0.7)] = None
-    above: Annotated[Number | None, about("crossed above this value", 2.0)] = None
-    beyond: Annotated[NonNegative | None, about("crossed where |value| is above this", 1.0)] = None
+    index: Annotated[Index | None, "the part of the sensor", example("z")] = None
+    below: Annotated[Number | None, "crossed below this value", example(0.7)] = None
+    above: Annotated[Number | None, "crossed above this value", example(2.0)] = None
+    beyond: Annotated[NonNegative | None, "crossed where |value| is above this", example(1.0)] = (
+        None
+    )
 
 
 MOST_CONTACTS = 31  # pairs, since MuJoCo marks them by the bits of an integer
@@ -217,21 +232,22 @@ MOST_CONTACTS = 31  # pairs, since MuJoCo marks them by the bits of an integer
 class Option(Record, frozen=True, kw_only=True):
     """Options of the simulation, under MuJoCo's names; the model keeps those that are left out."""
 
-    timestep: Annotated[Positive | None, about("the simulator's time step [s]", 0.005)] = None
+    timestep: Annotated[Positive | None, "the simulator's time step [s]", example(0.005)] = None
     integrator: Annotated[
         Literal["Euler", "RK4", "implicit", "implicitfast"] | None,
-        about("the method of integration; implicitfast suits stiff joints", "implicitfast"),
+        "the method of integration; implicitfast suits stiff joints",
+        example("implicitfast"),
     ] = None
     solver: Annotated[
-        Literal["PGS", "CG", "Newton"] | None, about("the solver of constraints", "Newton")
+        Literal["PGS", "CG", "Newton"] | None, "the solver of constraints", example("Newton")
     ] = None
     cone: Annotated[
-        Literal["pyramidal", "elliptic"] | None, about("the form of friction cones", "pyramidal")
+        Literal["pyramidal", "elliptic"] | None, "the form of friction cones", example("pyramidal")
     ] = None
-    iterations: Annotated[Count | None, about("most iterations of the solver", 50)] = None
-    tolerance: Annotated[NonNegative | None, about("the solver's tolerance", 1e-12)] = None
-    ls_iterations: Annotated[Count | None, about("most iterations of its line search", 50)] = None
-    gravity: Annotated[Vector | None, about("gravity, x y z [m/s²]", (0.0, 0.0, -9.81))] = None
+    iterations: Annotated[Count | None, "most iterations of the solver", example(50)] = None
+    tolerance: Annotated[NonNegative | None, "the solver's tolerance", example(1e-12)] = None
+    ls_iterations: Annotated[Count | None, "most iterations of its line search", example(50)] = None
+    gravity: Annotated[Vector | None, "gravity, x y z [m/s²]", example((0.0, 0.0, -9.81))] = None
 
 
 class JointChange(Record, frozen=True, kw_only=True):
@@ -239,27 +255,29 @@ class JointChange(Record, frozen=True, kw_only=True):
 
     lock: Annotated[
         Number | None,
-        about(
-            "removes the joint, with its motor, at this position [rad]; nothing else counts", 0.0
-        ),
+        "removes the joint, with its motor, at this position [rad]; nothing else counts",
+        example(0.0),
     ] = None
-    damping: Annotated[NonNegative | None, about("damping [N·m·s/rad]", 1.0)] = None
-    armature: Annotated[NonNegative | None, about("the rotor's inertia [kg·m²]", 0.02)] = None
-    frictionloss: Annotated[NonNegative | None, about("dry friction [N·m]", 0.0)] = None
+    damping: Annotated[NonNegative | None, "damping [N·m·s/rad]", example(1.0)] = None
+    armature: Annotated[NonNegative | None, "the rotor's inertia [kg·m²]", example(0.02)] = None
+    frictionloss: Annotated[NonNegative | None, "dry friction [N·m]", example(0.0)] = None
     range: Annotated[
-        tuple[Number, Number] | None, about("lowest and highest position [rad]", (-1.0, 1.0))
+        tuple[Number, Number] | None, "lowest and highest position [rad]", example((-1.0, 1.0))
     ] = None
     solref_limit: Annotated[
         tuple[Number, Number] | None,
-        about("MuJoCo's solref of the limit: time [s], damping ratio", (0.04, 1.0)),
+        "MuJoCo's solref of the limit: time [s], damping ratio",
+        example((0.04, 1.0)),
     ] = None
     solimp_limit: Annotated[
         tuple[Number, ...] | None,
-        about("MuJoCo's solimp of the limit, up to 5 numbers", (0.0, 0.95, 0.1, 0.5, 2.0)),
+        "MuJoCo's solimp of the limit, up to 5 numbers",
+        example((0.0, 0.95, 0.1, 0.5, 2.0)),
     ] = None
     actfrcrange: Annotated[
         tuple[Number, Number] | None,
-        about("lowest and highest torque of all its actuators [N·m]", (-24.0, 24.0)),
+        "lowest and highest torque of all its actuators [N·m]",
+        example((-24.0, 24.0)),
     ] = None
 
 
@@ -268,30 +286,29 @@ class GeomChange(Record, frozen=True, kw_only=True):
 
     solref: Annotated[
         tuple[Number, Number] | None,
-        about("MuJoCo's solref of contacts: time [s], damping ratio", (0.04, 1.0)),
+        "MuJoCo's solref of contacts: time [s], damping ratio",
+        example((0.04, 1.0)),
     ] = None
     solimp: Annotated[
         tuple[Number, ...] | None,
-        about(
-            "MuJoCo's solimp of contacts, up to 5 numbers; a first one of 0 lets force start "
-            "smoothly",
-            (0.0, 0.95, 0.02, 0.5, 2.0),
-        ),
+        "MuJoCo's solimp of contacts, up to 5 numbers; a first one of 0 lets force start smoothly",
+        example((0.0, 0.95, 0.02, 0.5, 2.0)),
     ] = None
     friction: Annotated[
         NonNegative | tuple[NonNegative, ...] | None,
-        about("friction: sliding, torsional [m], rolling [m]; the last two may be left out", 1.0),
+        "friction: sliding, torsional [m], rolling [m]; the last two may be left out",
+        example(1.0),
     ] = None
     condim: Annotated[
-        Literal[1, 3, 4, 6] | None, about("dimensions of a contact's force; 1: no friction", 3)
+        Literal[1, 3, 4, 6] | None, "dimensions of a contact's force; 1: no friction", example(3)
     ] = None
-    priority: Annotated[Count | None, about("of two, the higher one's values count", 1)] = None
+    priority: Annotated[Count | None, "of two, the higher one's values count", example(1)] = None
 
 
 class BodyChange(Record, frozen=True, kw_only=True):
     """Changes of bodies."""
 
-    mass: Annotated[Positive, about("its mass, with which its inertia grows [kg]", 2.0)]
+    mass: Annotated[Positive, "its mass, with which its inertia grows [kg]", example(2.0)]
 
 
 class Motor(Record, frozen=True, kw_only=True):
@@ -299,24 +316,20 @@ class Motor(Record, frozen=True, kw_only=True):
 
     joint: Annotated[
         Name | tuple[Name, ...],
-        about(
-            "the joint that it drives; a pattern or a list adds a motor for each of the hinges and "
-            "slides, named as its joint",
-            "hip",
-        ),
+        "the joint that it drives; a pattern or a list adds a motor for each of the hinges and "
+        "slides, named as its joint",
+        example("hip"),
     ]
     limit: Annotated[
         Positive | None,
-        about(
-            "largest control of a motor either way [N·m]; largest force of a servo, whose "
-            "targets stay in the joint's range",
-            24.0,
-        ),
+        "largest control of a motor either way [N·m]; largest force of a servo, whose "
+        "targets stay in the joint's range",
+        example(24.0),
     ] = None
-    stiffness: Annotated[Positive | None, about("k_p of a servo [N·m/rad]", 30.0)] = None
-    damping: Annotated[NonNegative | None, about("k_d of a servo [N·m·s/rad]", 0.5)] = None
+    stiffness: Annotated[Positive | None, "k_p of a servo [N·m/rad]", example(30.0)] = None
+    damping: Annotated[NonNegative | None, "k_d of a servo [N·m·s/rad]", example(0.5)] = None
     armature: Annotated[
-        NonNegative, about("inertia of its rotor, as its joint feels it [kg·m²]", 0.02)
+        NonNegative, "inertia of its rotor, as its joint feels it [kg·m²]", example(0.02)
     ] = 0.0
 
 
@@ -325,50 +338,53 @@ class Changes(Record, frozen=True, kw_only=True):
 
     drop: Annotated[
         tuple[Literal["visual", "meshes", "textures"], ...],
-        about(
-            "what to leave out: geoms that neither touch nor weigh anything, all meshes and what "
-            "they are the shape of, or all textures; skins and pictures in files always are",
-            ["visual"],
-        ),
+        "what to leave out: geoms that neither touch nor weigh anything, all meshes and what "
+        "they are the shape of, or all textures; skins and pictures in files always are",
+        example(["visual"]),
     ] = ()
-    option: Annotated[Option, about("options of the simulation", {"timestep": 0.005})] = field(
+    option: Annotated[Option, "options of the simulation", example({"timestep": 0.005})] = field(
         default_factory=Option
     )
     joints: Annotated[
         dict[str, JointChange],
-        about("changes by a joint's name or pattern; later ones win", {"*": {"damping": 1.0}}),
+        "changes by a joint's name or pattern; later ones win",
+        example({"*": {"damping": 1.0}}),
     ] = field(default_factory=dict)
     geoms: Annotated[
         dict[str, GeomChange],
-        about("changes by a geom's name or pattern; later ones win", {"*foot": {"condim": 3}}),
+        "changes by a geom's name or pattern; later ones win",
+        example({"*foot": {"condim": 3}}),
     ] = field(default_factory=dict)
     bodies: Annotated[
         dict[str, BodyChange],
-        about("changes by a body's name or pattern; later ones win", {"trunk": {"mass": 12.0}}),
+        "changes by a body's name or pattern; later ones win",
+        example({"trunk": {"mass": 12.0}}),
     ] = field(default_factory=dict)
     remove_bodies: Annotated[
         tuple[Name, ...],
-        about("names or patterns of bodies to remove, with all that they carry", ["arm"]),
+        "names or patterns of bodies to remove, with all that they carry",
+        example(["arm"]),
     ] = ()
     free_bodies: Annotated[
         tuple[Name, ...],
-        about("names or patterns of bodies that get a free joint in place of their own", ["trunk"]),
+        "names or patterns of bodies that get a free joint in place of their own",
+        example(["trunk"]),
     ] = ()
     remove_actuators: Annotated[
-        tuple[Name, ...], about("names or patterns of actuators to remove first", ["*"])
+        tuple[Name, ...], "names or patterns of actuators to remove first", example(["*"])
     ] = ()
     actuators: Annotated[
-        dict[str, Motor], about("motors to add, by name", {"hip": {"joint": "hip", "limit": 24.0}})
+        dict[str, Motor],
+        "motors to add, by name",
+        example({"hip": {"joint": "hip", "limit": 24.0}}),
     ] = field(default_factory=dict)
-    floor: Annotated[bool, about("whether to add a level floor at height 0, named floor", True)] = (
-        False
-    )
+    floor: Annotated[
+        bool, "whether to add a level floor at height 0, named floor", example(True)
+    ] = False
     only_contacts: Annotated[
         Annotated[tuple[tuple[Name, Name], ...], Meta(max_length=MOST_CONTACTS)] | None,
-        about(
-            "pairs of names or patterns of geoms; all other contacts are switched off",
-            [["floor", "*foot"]],
-        ),
+        "pairs of names or patterns of geoms; all other contacts are switched off",
+        example([["floor", "*foot"]]),
     ] = None
 
 
@@ -376,11 +392,11 @@ class Frame(Record, frozen=True, kw_only=True):
     """The one object whose frame counts."""
 
     body: Annotated[
-        Name | None, about("a body: its centre of mass and principal axes", "torso")
+        Name | None, "a body: its centre of mass and principal axes", example("torso")
     ] = None
-    xbody: Annotated[Name | None, about("a body: its frame as the MJCF has it", "torso")] = None
-    geom: Annotated[Name | None, about("a geom", "left_foot")] = None
-    site: Annotated[Name | None, about("a site", "imu")] = None
+    xbody: Annotated[Name | None, "a body: its frame as the MJCF has it", example("torso")] = None
+    geom: Annotated[Name | None, "a geom", example("left_foot")] = None
+    site: Annotated[Name | None, "a site", example("imu")] = None
 
 
 class Sensor(Frame, frozen=True, kw_only=True):
@@ -388,21 +404,20 @@ class Sensor(Frame, frozen=True, kw_only=True):
 
     type: Annotated[
         str,
-        Meta(
-            description="MuJoCo's name of the sensor's type",
-            examples=["framepos"],
-            extra_json_schema={"enum": list(SENSOR_TYPES)},
-        ),
+        "MuJoCo's name of the sensor's type",
+        example("framepos"),
+        Meta(extra_json_schema={"enum": list(SENSOR_TYPES)}),
     ]
-    joint: Annotated[Name | None, about("a joint", "hip")] = None
-    tendon: Annotated[Name | None, about("a tendon", "hamstring")] = None
-    actuator: Annotated[Name | None, about("an actuator", "hip_motor")] = None
+    joint: Annotated[Name | None, "a joint", example("hip")] = None
+    tendon: Annotated[Name | None, "a tendon", example("hamstring")] = None
+    actuator: Annotated[Name | None, "an actuator", example("hip_motor")] = None
     relative_to: Annotated[
-        Frame | None, about("an object to measure against", {"xbody": "torso"})
+        Frame | None, "an object to measure against", example({"xbody": "torso"})
     ] = None
     cutoff: Annotated[
         Positive | None,
-        about("largest value, in the sensor's unit; for distances the farthest seen [m]", 1.0),
+        "largest value, in the sensor's unit; for distances the farthest seen [m]",
+        example(1.0),
     ] = None
 
 
@@ -413,13 +428,12 @@ Settings = dict[str, SettingValue | dict[str, SettingValue]]
 class StateSpread(Record, frozen=True, kw_only=True):
     """Standard deviations of a state; what is left out is exact."""
 
-    position: Annotated[NonNegative, about("of each position [m, rad]", 0.01)] = 0.0
-    velocity: Annotated[NonNegative, about("of each velocity [m/s, rad/s]", 0.1)] = 0.0
+    position: Annotated[NonNegative, "of each position [m, rad]", example(0.01)] = 0.0
+    velocity: Annotated[NonNegative, "of each velocity [m/s, rad/s]", example(0.1)] = 0.0
     overrides: Annotated[
         dict[str, NonNegative],
-        about(
-            "others, by JOINT/position or JOINT/velocity, or a pattern", {"root_x/position": 0.0}
-        ),
+        "others, by JOINT/position or JOINT/velocity, or a pattern",
+        example({"root_x/position": 0.0}),
     ] = field(default_factory=dict)
 
 
@@ -427,46 +441,40 @@ class Start(Record, frozen=True, kw_only=True):
     """The state from which a task starts: a keyframe, or the model's first state, and changes."""
 
     keyframe: Annotated[
-        Keyframe | None,
-        about("a keyframe of the model, by name or number", "stand"),
+        Keyframe | None, "a keyframe of the model, by name or number", example("stand")
     ] = None
     positions: Annotated[
         dict[str, Coordinates],
-        about(
-            "positions by joint [m, rad]; 4 numbers w x y z of a ball, 7 numbers x y z w x y z of "
-            "a free joint",
-            {"hip": 0.1},
-        ),
+        "positions by joint [m, rad]; 4 numbers w x y z of a ball, 7 numbers x y z w x y z of "
+        "a free joint",
+        example({"hip": 0.1}),
     ] = field(default_factory=dict)
     velocities: Annotated[
         dict[str, Coordinates],
-        about(
-            "velocities by joint [m/s, rad/s]; 3 numbers of a ball, 6 of a free joint", {"hip": 0.0}
-        ),
+        "velocities by joint [m/s, rad/s]; 3 numbers of a ball, 6 of a free joint",
+        example({"hip": 0.0}),
     ] = field(default_factory=dict)
     std: Annotated[
         StateSpread,
-        about("standard deviations of the start", {"position": 0.01, "velocity": 0.1}),
+        "standard deviations of the start",
+        example({"position": 0.01, "velocity": 0.1}),
     ] = StateSpread(position=0.01, velocity=0.1)
     varied: Annotated[
         StateSpread | None,
-        about(
-            "standard deviations of several starts from which one policy learns; left out: std",
-            {"position": 0.1, "velocity": 0.1},
-        ),
+        "standard deviations of several starts from which one policy learns; left out: std",
+        example({"position": 0.1, "velocity": 0.1}),
     ] = None
 
 
 class SpreadLimit(Record, frozen=True, kw_only=True):
     """Holds the largest standard deviations of a state; those left out have no limit (.inf)."""
 
-    position: Annotated[float, about("[m, rad]", 0.3, gt=0)] = inf
-    velocity: Annotated[float, about("[m/s, rad/s]", 4.0, gt=0)] = inf
+    position: Annotated[float, Meta(gt=0), "[m, rad]", example(0.3)] = inf
+    velocity: Annotated[float, Meta(gt=0), "[m/s, rad/s]", example(4.0)] = inf
     overrides: Annotated[
         dict[str, Annotated[float, Meta(gt=0)]],
-        about(
-            "others, by JOINT/position or JOINT/velocity, or a pattern", {"root_x/position": 1.0}
-        ),
+        "others, by JOINT/position or JOINT/velocity, or a pattern",
+        example({"root_x/position": 1.0}),
     ] = field(default_factory=dict)
 
 
@@ -474,8 +482,7 @@ class Marginals(Record, frozen=True, kw_only=True):
     """Limits of the trajectory distribution's width."""
 
     std_limit: Annotated[
-        SpreadLimit,
-        about("largest standard deviations", {"position": 0.3, "velocity": 4.0}),
+        SpreadLimit, "largest standard deviations", example({"position": 0.3, "velocity": 4.0})
     ] = SpreadLimit()
 
 
@@ -488,9 +495,10 @@ class Noise(Record, frozen=True, kw_only=True, tag_field="law", tag="noise"):
 
     std: Annotated[
         Positive | tuple[NonNegative, ...],
-        about("standard deviation of controls, or one for each actuator [N·m]", 30.0),
+        "standard deviation of controls, or one for each actuator [N·m]",
+        example(30.0),
     ]
-    time_constant: Annotated[Positive, about("time over which they vary [s]", 0.5)] = 0.5
+    time_constant: Annotated[Positive, "time over which they vary [s]", example(0.5)] = 0.5
 
 
 class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
@@ -498,46 +506,45 @@ class Pd(Record, frozen=True, kw_only=True, tag_field="law", tag="pd"):
 
     pose: Annotated[
         Pose | None,
-        about(
-            "a keyframe, by name or number, or positions of joints that differ from the start; "
-            "left out: the start",
-            "stand",
-        ),
+        "a keyframe, by name or number, or positions of joints that differ from the start; "
+        "left out: the start",
+        example("stand"),
     ] = None
     stiffness: Annotated[
         NonNegative | dict[str, NonNegative] | None,
-        about(
-            "[N·m/rad], for all joints or by name or pattern; left out: suited to their inertia",
-            300.0,
-        ),
+        "[N·m/rad], for all joints or by name or pattern; left out: suited to their inertia",
+        example(300.0),
     ] = None
     damping: Annotated[
         NonNegative | dict[str, NonNegative] | None,
-        about(
-            "[N·m·s/rad], for all joints or by name or pattern; left out: suited to the stiffness",
-            30.0,
-        ),
+        "[N·m·s/rad], for all joints or by name or pattern; left out: suited to the stiffness",
+        example(30.0),
     ] = None
 
 
 class Sampling(Record, frozen=True, kw_only=True, tag_field="law", tag="sampling"):
     """A motion found by sampling: short plans, one after another, each improved by samples."""
 
-    plan: Annotated[Positive, about("length of a plan [s]", 0.8)] = 0.8
+    plan: Annotated[Positive, "length of a plan [s]", example(0.8)] = 0.8
     period: Annotated[
-        Positive, about("time after which the next plan is made [s]; long is fast", 0.05)
+        Positive, "time after which the next plan is made [s]; long is fast", example(0.05)
     ] = 0.05
-    samples: Annotated[int, about("plans tried in an iteration", 32, ge=2, le=100_000)] = 32
+    samples: Annotated[int, Range(2, 100_000), "plans tried in an iteration", example(32)] = 32
     knots: Annotated[
-        int, about("points in a plan between which a sample's change is linear", 6, ge=2, le=1000)
+        int,
+        Range(2, 1000),
+        "points in a plan between which a sample's change is linear",
+        example(6),
     ] = 6
     noise: Annotated[
         Positive,
-        about("largest standard deviation of a sample, as a share of half a control's range", 0.3),
+        "largest standard deviation of a sample, as a share of half a control's range",
+        example(0.3),
     ] = 0.3
     std: Annotated[
         Positive | tuple[Positive, ...] | None,
-        about("the same in the control's own unit, or one for each actuator [N·m]", 30.0),
+        "the same in the control's own unit, or one for each actuator [N·m]",
+        example(30.0),
     ] = None
 
 
@@ -546,7 +553,8 @@ class RecordedMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="de
 
     file: Annotated[
         Name,
-        about("file with columns time, JOINT/position, JOINT/velocity, JOINT/effort", "walk.csv"),
+        "file with columns time, JOINT/position, JOINT/velocity, JOINT/effort",
+        example("walk.csv"),
     ]
 
 
@@ -558,11 +566,9 @@ class PathMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="path")
 
     file: Annotated[
         Name | None,
-        about(
-            "a file with columns time and JOINT/position, also of another robot: joints that it "
-            "lacks stay as they start",
-            "walk.csv",
-        ),
+        "a file with columns time and JOINT/position, also of another robot: joints that it "
+        "lacks stay as they start",
+        example("walk.csv"),
     ] = None
 
 
@@ -573,7 +579,10 @@ class BestMotion(Record, frozen=True, kw_only=True, tag_field="law", tag="best")
     """
 
     iterations: Annotated[
-        int, about("iterations of DDP on each; on the better half twice as many", 10, ge=1, le=1000)
+        int,
+        Range(1, 1000),
+        "iterations of DDP on each; on the better half twice as many",
+        example(10),
     ] = 10
 
 
@@ -585,98 +594,91 @@ class TaskFile(Record, frozen=True, kw_only=True):
 
     model: Annotated[
         Name,
-        about(
-            "the robot's MJCF or URDF: a path from this file's folder, or package://PACKAGE/PATH",
-            "hopper.xml",
-        ),
+        "the robot's MJCF or URDF: a path from this file's folder, or package://PACKAGE/PATH",
+        example("hopper.xml"),
     ]
     changes: Annotated[
-        Changes, about("changes of the model, made in memory", {"option": {"timestep": 0.005}})
+        Changes, "changes of the model, made in memory", example({"option": {"timestep": 0.005}})
     ] = field(default_factory=Changes)
     control_period: Annotated[
-        Positive, about("time between controls, a multiple of the simulator's time step [s]", 0.01)
+        Positive,
+        "time between controls, a multiple of the simulator's time step [s]",
+        example(0.01),
     ]
     horizon: Annotated[
-        Positive, about("time that is trained on and scored, up to a whole control period [s]", 4.0)
+        Positive,
+        "time that is trained on and scored, up to a whole control period [s]",
+        example(4.0),
     ]
     lookahead: Annotated[
-        NonNegative, about("time that is optimised beyond the horizon, likewise [s]", 0.6)
+        NonNegative, "time that is optimised beyond the horizon, likewise [s]", example(0.6)
     ] = 0.0
-    start: Annotated[Start, about("the start", {"keyframe": "stand"})] = field(
+    start: Annotated[Start, "the start", example({"keyframe": "stand"})] = field(
         default_factory=Start
     )
     sensors: Annotated[
         dict[str, Sensor],
-        about("sensors to add, by name", {"height": {"type": "framepos", "body": "torso"}}),
+        "sensors to add, by name",
+        example({"height": {"type": "framepos", "body": "torso"}}),
     ] = field(default_factory=dict)
     cost: Annotated[
         tuple[CostTerm, ...],
-        Meta(
-            description="terms whose sum is the cost of a step",
-            examples=[[{"sensor": "height", "index": "z", "target": 1.2, "weight": 5.0}]],
-            min_length=1,
-        ),
+        "terms whose sum is the cost of a step",
+        example([{"sensor": "height", "index": "z", "target": 1.2, "weight": 5.0}]),
+        Meta(min_length=1),
     ]
     commands: Annotated[
         dict[Name, CommandEntry],
-        about("what the policy is told, by name", {"forward": {"range": (-0.5, 1.0)}}),
+        "what the policy is told, by name",
+        example({"forward": {"range": (-0.5, 1.0)}}),
     ] = field(default_factory=dict)
-    clock: Annotated[Clock | None, about("a clock", {"frequency": 2.0})] = None
+    clock: Annotated[Clock | None, "a clock", example({"frequency": 2.0})] = None
     mirror: Annotated[
         MirrorEntry | None,
-        about(
-            "exchange of left and right, for a robot that is alike on both sides: it learns from "
-            "mirror images too",
-            {"swap": [["left", "right"]], "flip": ["*_hip"]},
-        ),
+        "exchange of left and right, for a robot that is alike on both sides: it learns from "
+        "mirror images too",
+        example({"swap": [["left", "right"]], "flip": ["*_hip"]}),
     ] = None
     sensor_noise: Annotated[
         dict[str, NonNegative],
-        about(
-            "standard deviation by which a reading is wrong, by name or pattern, which the policy "
-            "learns to bear; later ones win",
-            {"*/position": 0.01},
-        ),
+        "standard deviation by which a reading is wrong, by name or pattern, which the policy "
+        "learns to bear; later ones win",
+        example({"*/position": 0.01}),
     ] = field(default_factory=dict)
     observe: Annotated[
         tuple[Name | ObservedEntry, ...],
-        Meta(
-            description="values that the policy reads: joint_positions, joint_velocities, "
-            "last_action, commands, clock, scalars by full name, or mappings",
-            examples=[["joint_positions", "joint_velocities", {"sensor": "up"}]],
-            min_length=1,
-        ),
+        "values that the policy reads: joint_positions, joint_velocities, "
+        "last_action, commands, clock, scalars by full name, or mappings",
+        example(["joint_positions", "joint_velocities", {"sensor": "up"}]),
+        Meta(min_length=1),
     ] = ("joint_positions", "joint_velocities")
     history: Annotated[
         int,
-        about(
-            "number of control steps before the newest one whose readings the policy reads again",
-            2,
-            ge=0,
-            le=100,
-        ),
+        Range(0, 100),
+        "number of control steps before the newest one whose readings the policy reads again",
+        example(2),
     ] = 0
     fallen: Annotated[
         tuple[Limit, ...],
-        about("limits beyond which the robot has fallen", [{"sensor": "height/z", "below": 0.7}]),
+        "limits beyond which the robot has fallen",
+        example([{"sensor": "height/z", "below": 0.7}]),
     ] = ()
     limits: Annotated[
         tuple[Limit, ...],
-        about(
-            "limits beyond which the executor stops the policy",
-            [{"sensor": "pitch", "beyond": 1.0}],
-        ),
+        "limits beyond which the executor stops the policy",
+        example([{"sensor": "pitch", "beyond": 1.0}]),
     ] = ()
     marginals: Annotated[
-        Marginals, about("limits of the width of q", {"std_limit": {"position": 0.3}})
+        Marginals, "limits of the width of q", example({"std_limit": {"position": 0.3}})
     ] = field(default_factory=Marginals)
     begin: Annotated[
-        Begin, about("motion from which the first solve starts", {"law": "pd", "pose": "stand"})
+        Begin, "motion from which the first solve starts", example({"law": "pd", "pose": "stand"})
     ] = field(default_factory=Zero)
     optimizer: Annotated[
         Settings,
-        about("settings of the trajectory optimization", {"ddp.regularization_floor": 0.1}),
+        "settings of the trajectory optimization",
+        example({"ddp.regularization_floor": 0.1}),
     ] = field(default_factory=dict)
-    search: Annotated[Settings, about("settings of the policy search", {"hidden_units": [10]})] = (
-        field(default_factory=dict)
-    )
+    search: Annotated[
+        Settings, "settings of the policy search", example({"hidden_units": [10]})
+    ] = field(default_factory=dict)

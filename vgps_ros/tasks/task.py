@@ -168,7 +168,7 @@ class Task:
 
     def commanded(self, commands: Array, phase: float = 0.0) -> "Task":
         """Returns the task with commands (n_c,) that do not change, and the clock's first φ."""
-        return self.in_context(self.signals.held(commands, self.planned_horizon, phase))
+        return self.in_context(self.signals.constant_context(commands, self.planned_horizon, phase))
 
     @cached_property
     def unrest(self) -> Unrest | None:

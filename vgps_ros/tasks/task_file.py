@@ -46,7 +46,7 @@ from ruamel.yaml.scanner import ScannerError
 from vgps_ros.core.checks import list_names, nearest, one_of, quote
 from vgps_ros.core.errors import InvalidEntryError, InvalidInputError, Place, at_entry, refuse_if
 from vgps_ros.core.optimizer_settings import OptimizerSettings
-from vgps_ros.core.settings import with_values
+from vgps_ros.core.settings import with_values, wrong_value
 from vgps_ros.robot.signals import SOURCE
 from vgps_ros.simulation.packages import package_folders
 from vgps_ros.simulation.sensor_types import OBJECTS, SENSOR_TYPES
@@ -73,23 +73,6 @@ _PACKAGE = re.compile(r"package://([A-Za-z]\w*)/(.+)")
 _LONGEST_ERROR = 480
 _ROUNDING = 1e-6  # relative error up to which a time counts as a whole multiple of another
 _OF_SENSORS = ("index", "target", "norm", "width", "when")
-_WORDS = {  # msgspec's words, and plain ones
-    " | null": "",
-    "null | ": "",
-    " | ": " or ",
-    "`": "",
-    "float": "a number",
-    "int": "a whole number",
-    "str": "a text",
-    "bool": "true or false",
-    "object": "a mapping",
-    "array": "a list",
-    " >= ": " of at least ",
-    " > ": " above ",
-    " <= ": " of at most ",
-    " < ": " below ",
-    "length of at": "length at",
-}
 
 
 @dataclass(frozen=True)
@@ -142,7 +125,7 @@ def file_inside(folder: Path, name: str) -> Path:
         InvalidInputError: the file lies elsewhere, or there is none.
     """
     inside = folder.resolve()
-    path = existing_file(inside, name).resolve()
+    path = _existing_file(inside, name).resolve()
     if not path.is_relative_to(inside):
         raise InvalidInputError(
             f"the file {quote(name)} lies outside this file's folder; move it there."
@@ -150,7 +133,7 @@ def file_inside(folder: Path, name: str) -> Path:
     return path
 
 
-def existing_file(folder: Path, name: str) -> Path:
+def _existing_file(folder: Path, name: str) -> Path:
     """Returns the path of a file that an entry names, from a folder.
 
     Raises:
@@ -321,7 +304,7 @@ def as_record(document: Document, kind: type[R]) -> R:
 
 def _explain(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
     """Returns the place of the entry that msgspec complains about, and a sentence on it."""
-    complaint, _, path = error.partition(" - at `$")
+    complaint, _, path = error.partition(" - at `")
     place, value = _entry(data, kind, path.rstrip("`"), error)
     schemas, hint = _schemas(kind, data, place)
     known = list(dict.fromkeys(key for each in schemas for key in each.get("properties", {})))
@@ -333,16 +316,11 @@ def _explain(data: Any, kind: type[R], error: str) -> tuple[Place, str]:
     if found := re.fullmatch("Object missing required field `(.*)`", complaint, re.S):
         _, hint = _schemas(kind, data, (*place, found[1]))
         return place, f"the key {quote(found[1])} is missing{hint}."
-    choices = list(dict.fromkeys(str(each) for one in schemas for each in one.get("enum", ())))
-    wanted = f"one of {', '.join(choices)}"
-    if not complaint.startswith("Invalid"):
-        wanted = complaint.removeprefix("Expected ").partition(", got ")[0].strip("`")
-        for word, plain in _WORDS.items():
-            wanted = wanted.replace(word, plain)
-        wanted = re.sub(r"\d+\.\d+", lambda number: f"{float(number[0]):g}", wanted)
-    return place, (
-        f"it is {_name_value(value)}, but it must be {wanted}{hint}.{nearest(str(value), choices)}"
-    )
+    if path.startswith("key` in"):
+        names = {"type": "string", **schemas[0]["propertyNames"]}
+        key = next(k for k in value if not names["minLength"] <= len(k) <= names["maxLength"])
+        return (*place, key), wrong_value("the key", key, [names], hint)
+    return place, wrong_value("it", value, schemas, hint)
 
 
 def _entry(data: Any, kind: type[R], path: str, error: str) -> tuple[Place, Any]:
@@ -417,15 +395,6 @@ def _hint(key: str | int, schema: dict[str, Any]) -> str:
     return f": {schema['description']}" + (f"; for example `{key}: {example}`" if example else "")
 
 
-def _name_value(value: Any) -> str:
-    """Returns a value as a sentence names it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return f"a list of {len(value)}"
-    return "a mapping" if isinstance(value, dict) else quote(value)
-
-
 def read_task_file(path: Path) -> tuple[TaskFile, Document]:
     """Reads a task file, and checks all that needs no model.
 
@@ -465,7 +434,8 @@ def settings_in(task: TaskFile, document: Document) -> tuple[OptimizerSettings, 
 def _search_names() -> list[str]:
     """Returns the names of a search's settings, which is below this room, by the JSON schema."""
     of_task = json.loads(SCHEMA_PATH.read_text())["$defs"]["TaskFile"]["properties"]
-    return list(of_task["search"]["propertyNames"]["enum"])
+    keys = of_task["search"]["properties"]
+    return [name for name, key in keys.items() if key["type"] != "object"]
 
 
 def find_model(reference: str, folder: Path) -> Path:
@@ -479,7 +449,7 @@ def find_model(reference: str, folder: Path) -> Path:
     """
     with at_entry("model"):
         if not reference.startswith("package:"):
-            return existing_file(folder, reference)
+            return _existing_file(folder, reference)
         found = _PACKAGE.fullmatch(reference)
         if not found or ".." in Path(found[2]).parts:
             raise InvalidInputError(
@@ -492,7 +462,7 @@ def find_model(reference: str, folder: Path) -> Path:
             "it, or source its workspace.",
         )
         existing = (folder for folder in folders if (folder / found[2]).is_file())
-        return existing_file(next(existing, folders[0]), found[2])
+        return _existing_file(next(existing, folders[0]), found[2])
 
 
 def _check(task: TaskFile, given: Mapping[str, Any], folder: Path) -> None:

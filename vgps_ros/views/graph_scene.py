@@ -40,7 +40,7 @@ from vgps_ros.views.recording import Recording
 from vgps_ros.views.robot_scene import RobotScene
 
 _LONGEST = 10_000  # iterations of a training whose learning curve is drawn
-_PATIENCE = 100_000  # messages kept until the robot is known; then the oldest are dropped
+_MOST_WAITING = 100_000  # messages kept until the robot is known; then the oldest are dropped
 DRAWN = {  # topics that are drawn, and their types
     MJCF: "std_msgs/msg/String",
     "odom": "nav_msgs/msg/Odometry",
@@ -82,7 +82,7 @@ class GraphScene:
         self.recording = Recording(path)
         self._report = report
         self._robot: RobotScene | None = None
-        self._waiting: deque[tuple[str, Any]] = deque(maxlen=_PATIENCE)
+        self._waiting: deque[tuple[str, Any]] = deque(maxlen=_MOST_WAITING)
         self._collector = StateCollector(lambda _: False)
         self._last_stamp = -1
         self._history: dict[int, Any] = {}  # progress of the last training by iteration

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from vgps_ros.core.records import Array
-from vgps_ros.search.driven import Driven
-from vgps_ros.search.identification import Identified
+from vgps_ros.search.commanded_motion import CommandedMotion
+from vgps_ros.search.identification import IdentifiedRobot
 from vgps_ros.search.judgement import interval
 from vgps_ros.search.robustness import ENOUGH, KINDS
 from vgps_ros.search.run_record import RunRecord
@@ -125,7 +125,7 @@ def draw_motion(axes: Axes, run: RunRecord, states: Array) -> None:
     axes.set_ylabel(f"{'xyz'[plane[1]]} [m]")
 
 
-def driving(driven: Driven) -> Figure:
+def driving(driven: CommandedMotion) -> Figure:
     """Draws what a robot did beside what it was told: its path from above, and each command."""
     has_path = driven.asked_path is not None and driven.driven_path is not None
     rows = len(driven.commands)
@@ -162,7 +162,7 @@ def driving(driven: Driven) -> Figure:
     return figure
 
 
-def predictions(found: Identified) -> Figure:
+def predictions(found: IdentifiedRobot) -> Figure:
     """Draws joints as they were measured beside what the model predicted, and what was found does.
 
     Each window begins anew at what was measured.

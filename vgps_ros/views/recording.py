@@ -44,7 +44,7 @@ def iterations(pairs: np.ndarray) -> list[rr.TimeColumn]:
 # the file is complete, so pieces should be large.
 _PERIOD = 5.0  # longest time between two pieces of an entity that has rows [s]
 _LONGEST = 2000  # largest number of rows in a piece
-_PATIENCE = 5.0  # for the disk, at the end [s]
+_FLUSH_TIMEOUT = 5.0  # for the disk, at the end [s]
 
 
 class UnfinishedRecordingError(VgpsError):
@@ -174,7 +174,7 @@ class Recording:
         """
         self._send(*self._rows)
         try:
-            self._stream.flush(timeout_sec=_PATIENCE)
+            self._stream.flush(timeout_sec=_FLUSH_TIMEOUT)
         except RuntimeError as error:
             raise UnfinishedRecordingError(
                 f"The recording '{self._path}' lacks its end ({error}): make room on the disk, and "

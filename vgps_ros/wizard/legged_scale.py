@@ -37,37 +37,21 @@ _NOISE = {"position": 0.005, "velocity": 0.034, "turning": 0.0085, "up": 0.01, "
 
 @dataclass(frozen=True)
 class _Stance:
-    """What differs by how many feet stand, and where.
+    """What differs by how many feet stand, and where."""
 
-    Attributes:
-        period: of control, of √(l/g).
-        speed: fastest speed ahead, of √(g l).
-        rate: of each foot's steps, of √(g/l).
-        push: largest push, of m √(g l).
-        tracking: weight of the speed's error, of 1/√(g l).
-        width: error of the speed up to which its cost is quadratic, of √(g l).
-        height: weight of the trunk's height, of 1/l².
-        tilt: weight of the trunk's tilt.
-        step: weight of a foot's height, of 1/l².
-        iterations: of the training.
-        solves: DDP iterations in one of them.
-        new_solves: those of a new situation.
-        carried: load of a leg in a step, by that of standing on four legs.
-    """
-
-    period: float
-    speed: float
-    rate: float
-    push: float
-    tracking: float
-    width: float
-    height: float
-    tilt: float
-    step: float
-    iterations: int
-    solves: int
-    new_solves: int
-    carried: float = 1.0
+    period: float  # of control, of √(l/g)
+    speed: float  # fastest speed ahead, of √(g l)
+    rate: float  # of each foot's steps, of √(g/l)
+    push: float  # largest push, of m √(g l)
+    tracking: float  # weight of the speed's error, of 1/√(g l)
+    width: float  # error of the speed up to which its cost is quadratic, of √(g l)
+    height: float  # weight of the trunk's height, of 1/l²
+    tilt: float  # weight of the trunk's tilt
+    step: float  # weight of a foot's height, of 1/l²
+    iterations: int  # of the training
+    solves: int  # DDP iterations in one of them
+    new_solves: int  # those of a new situation
+    carried: float = 1.0  # load of a leg in a step, by that of standing on four legs
 
 
 _MANY = _Stance(0.1125, 0.4, 0.6, 1.8, 13.5, 0.12, 40.0, 20.0, 120.0, 22, 2, 16)
@@ -78,7 +62,7 @@ _ONE = replace(_TWO, period=0.063, rate=0.6, iterations=30, solves=2, new_solves
 _IN_LINE = _Stance(0.1125, 0.22, 0.36, 0.4, 20.0, 0.08, 40.0, 20.0, 120.0, 22, 2, 16)
 
 
-def legs_period(robot: Robot) -> float:
+def _legs_period(robot: Robot) -> float:
     """Returns the control period of a robot with legs, 50 Hz for a quadruped of 30 cm [s]."""
     wanted = _stance(robot).period * robot.time
     grid = 1e-3 if wanted > 0.01 else 1e-4
@@ -94,7 +78,7 @@ def _stance(robot: Robot) -> _Stance:
 def legged_numbers(robot: Robot) -> dict[str, Any]:
     """Returns the numbers of a robot with legs of which the template of task files speaks."""
     stance, length, time = _stance(robot), robot.leg, robot.time
-    speed, period = length / time, legs_period(robot)
+    speed, period = length / time, _legs_period(robot)
     fast = stance.speed * speed
     noise = {
         "*/position": _NOISE["position"],

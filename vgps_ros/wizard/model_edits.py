@@ -14,15 +14,8 @@ from vgps_ros.robot.controls import ControlKind
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import compile_model, try_model
 from vgps_ros.simulation.model_changes import changed_spec, self_contained
-from vgps_ros.wizard.robot import (
-    HINGE,
-    SLIDE,
-    bottoms_of,
-    is_wheel,
-    loops_of,
-    lowest_points,
-    recognise_robot,
-)
+from vgps_ros.wizard.recognition import recognise_robot
+from vgps_ros.wizard.robot import HINGE, SLIDE, bottoms_of, is_wheel, loops_of, lowest_points
 
 _SHAKEN = 25.0  # acceleration of a joint by its motor that no policy can steer, of g/l
 _DROPPED = {"visual": "what only shows", "meshes": "meshes"}  # the first one that is enough
@@ -30,19 +23,12 @@ _DROPPED = {"visual": "what only shows", "meshes": "meshes"}  # the first one th
 
 @dataclass
 class EditedModel:
-    """A robot's model with the changes that its first task file shall make.
+    """A robot's model with the changes that its first task file shall make."""
 
-    Attributes:
-        model: compiled with all changes.
-        driven: the model before servos took the place of its actuators.
-        changes: as `changes` of a task file has them.
-        notes: sentences for the user, each on a change that was not asked for.
-    """
-
-    model: mujoco.MjModel
-    driven: mujoco.MjModel
-    changes: dict[str, Any]
-    notes: list[str]
+    model: mujoco.MjModel  # compiled with all changes
+    driven: mujoco.MjModel  # the model before servos took the place of its actuators
+    changes: dict[str, Any]  # as `changes` of a task file has them
+    notes: list[str]  # sentences for the user, each on a change that was not asked for
 
 
 def edit_model(path: Path, locks: dict[str, Any], *, servos: bool) -> EditedModel:

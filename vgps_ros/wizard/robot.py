@@ -1,31 +1,24 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
-"""Finds out what a robot is for, and where it starts, from its model alone.
-
-That follows from its tree of bodies, its base, its mass and its actuators; names count only where
-one says `target`.
-"""
+"""A robot: facts about a model from which its first task file is written."""
 
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import mujoco
 import numpy as np
 
-from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.records import Array
 from vgps_ros.robot.controls import Mask
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.model import cyclic_positions, deviation_names
 
-_DENSE = 100.0  # density from which on a medium is a liquid [kg/m³]
 _STILL = 1e-3  # speed of a joint up to which damping holds it [m/s, rad/s]
 FREE, BALL, SLIDE, HINGE = range(4)  # as in mjtJoint
 
 
 @dataclass
 class Robot:
-    """Facts about a model from which its first task file is written."""
+    """A robot's model, its start, and what `recognition` found out."""
 
     model: mujoco.MjModel
     data: mujoco.MjData  # at the start
@@ -47,7 +40,7 @@ class Robot:
     @property
     def leg(self) -> float:
         """The height of its hips [m], by which speeds, steps and weights scale."""
-        first = (_bending_joints(self, leg)[:1] for leg in legs_of(self))
+        first = (bending_joints(self, leg)[:1] for leg in legs_of(self))
         hips = [self.data.xanchor[j][2] for joints in first for j in joints]
         return max([h - ground_of(self) for h in hips], default=self.height)
 
@@ -95,7 +88,7 @@ class Robot:
     def joints(self) -> list[int]:
         """The hinges and slides of its tree that are not its base."""
         kinds, bodies = self.model.jnt_type, self.model.jnt_bodyid
-        own = np.flatnonzero((kinds >= SLIDE) & self.in_tree(bodies) & ~_held_joints(self.model))
+        own = np.flatnonzero((kinds >= SLIDE) & self.in_tree(bodies) & ~held_joints(self.model))
         return [int(j) for j in own if j not in self.base]
 
     @property
@@ -154,66 +147,7 @@ class Robot:
         return found
 
 
-@lru_cache(maxsize=2)  # of a model, which is the same only if it is one
-def recognise_robot(model: mujoco.MjModel) -> Robot:
-    """Returns the facts about a model; its kind decides how it starts, and what its goal is."""
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    driven = {int(i) for i in data.moment_colind[: int(data.moment_rownnz.sum())]}
-    single = {int(i) for i in model.jnt_dofadr[model.jnt_type >= SLIDE]}
-    trees = model.dof_treeid[[*(driven or single)]]
-    if not (trees >= 0).any():
-        raise InvalidInputError(
-            "--model: no actuator drives a joint, and there is no hinge or slide that a motor "
-            "could drive; name a model of a robot."
-        )
-    tree = int(np.bincount(trees[trees >= 0]).argmax())
-    root = int(np.flatnonzero(model.body_treeid == tree)[0])
-    first = [int(j) for j in model.body_jntadr[root] + np.arange(model.body_jntnum[root])]
-    held = _held_joints(model)
-    base = [j for j in first if model.jnt_dofadr[j] not in driven and not held[j]]
-    free = any(model.jnt_type[j] == FREE for j in base)
-    slides = any(model.jnt_type[j] == SLIDE for j in base) and (model.nu or len(first) > 1)
-    base = base if free or slides else []
-    flags = model.opt.disableflags
-    gravity = 0.0 if flags & mujoco.mjtDisableBit.mjDSBL_GRAVITY else abs(model.opt.gravity[2])
-    trees = [tree] if base or not driven else trees[trees >= 0].tolist()
-    for ends in loops_of(model):  # what a loop ties to it is a part of it
-        tied = [int(model.body_treeid[end]) for end in ends]
-        trees += [i for i in tied if i >= 0] if {*tied} & {*trees} else []
-    robot = Robot(model, data, root, trees, base, driven or single, float(gravity))
-    if not model.nu and not robot.joints:
-        raise InvalidInputError(
-            "--model: nothing but its base moves, and no actuator drives that; name a model with "
-            "links and motors. Where a program adds them, save the MJCF that it makes."
-        )
-    ups = [round(robot.reset(key).frame[2, 2], 1) for key in range(model.nkey)]
-    key = int(np.argmax(ups)) if ups else None
-    robot.reset(None if key is None or np.allclose(model.key_qpos[key], model.qpos0) else key)
-    if not base:
-        _keep_limits(robot)
-    if base and (model.opt.density > _DENSE or model.opt.viscosity > 1e-3):
-        robot.kind = "swimmer"
-    elif base:
-        robot.kind = "vehicle"
-        if robot.gravity and _height_index(robot) is not None:
-            _stand_on_ground(robot)
-        if robot.key is not None and (not robot.feet or _is_crouching(robot)):
-            stands = robot.reset(None).frame[2, 2] > 0.9
-            if stands:
-                _stand_on_ground(robot)
-            if not (stands and robot.feet):
-                _stand_on_ground(robot.reset(key))
-    elif robot.gravity and any(_is_moved_by_gravity(robot, j) for j in robot.joints):
-        robot.kind = "pendulum"
-    elif finger_count(robot) > 2:
-        robot.kind = "hand"
-    _set_forward(robot)
-    _set_goal(robot)
-    return robot
-
-
-def _held_joints(model: mujoco.MjModel) -> Mask:
+def held_joints(model: mujoco.MjModel) -> Mask:
     """Returns which slides and hinges damping holds: the model's whole weight hardly moves them."""
     weight = float(model.body_mass.sum() * np.linalg.norm(model.opt.gravity))
     arms = np.where(model.jnt_type == HINGE, model.stat.extent, 1.0)
@@ -221,17 +155,7 @@ def _held_joints(model: mujoco.MjModel) -> Mask:
     return found & (model.jnt_type >= SLIDE)
 
 
-def _is_moved_by_gravity(robot: Robot, joint: int) -> bool:
-    """Returns whether gravity moves a hinge: there is no motor, spring or loop, or it is weak."""
-    model = robot.model
-    if model.jnt_type[joint] != HINGE:
-        return False
-    if model.jnt_dofadr[joint] in robot.driven:
-        return _is_weak(robot, joint)
-    return not np.any(model.jnt_stiffness[joint]) and not _is_tied(robot, joint)
-
-
-def _is_tied(robot: Robot, joint: int) -> bool:
+def is_tied(robot: Robot, joint: int) -> bool:
     """Returns whether a hinge follows another one, or turns in a loop of bodies."""
     model, body = robot.model, int(robot.model.jnt_bodyid[joint])
     follows = model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT)
@@ -253,7 +177,7 @@ def loops_of(model: mujoco.MjModel) -> list[tuple[int, int]]:
     return found
 
 
-def _is_weak(robot: Robot, joint: int) -> bool:
+def is_weak(robot: Robot, joint: int) -> bool:
     """Returns whether a hinge turns without end, and gravity overcomes its motors on the way.
 
     Not where the robot has a thing beside it, which it is for.
@@ -274,33 +198,7 @@ def _is_weak(robot: Robot, joint: int) -> bool:
 
 def weak_motors(robot: Robot) -> list[int]:
     """Returns the actuators of hinges that need several swings to come up."""
-    return [i for i, j in robot.motors.items() if _is_weak(robot, j)]
-
-
-def swing_time(robot: Robot) -> float:
-    """Returns the time in which a pendulum swings up and then stands for a while [s].
-
-    Weak motors need several swings: they pull with all their force in the direction in which their
-    joints turn, until the energy is that of the goal. Nobody swings up faster.
-    """
-    model, data = robot.model, mujoco.MjData(robot.model)
-    weak = weak_motors(robot)
-    if not weak:
-        return 4.0
-    full, dofs = controls_of(model).limits[1], model.jnt_dofadr[[robot.motors[i] for i in weak]]
-
-    def energy() -> float:
-        mujoco.mj_forward(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        return float(data.energy.sum())
-
-    data.qpos[:] = robot.goal
-    goal, data.qpos[:] = energy(), robot.data.qpos
-    while energy() < goal and data.time < 10.0:
-        data.ctrl[weak] = np.where(data.qvel[dofs] >= 0.0, full[weak], -full[weak])
-        mujoco.mj_step(model, data)
-    return float(np.clip(np.ceil(2.0 * data.time), 8.0, 16.0))
+    return [i for i, j in robot.motors.items() if is_weak(robot, j)]
 
 
 def finger_count(robot: Robot) -> int:
@@ -311,7 +209,7 @@ def finger_count(robot: Robot) -> int:
     ends = [chain for chain in chains if chain and passed.count(chain[0]) == 1]
     all_ends = [body for chain in ends for body in chain]
     dofs = robot.model.jnt_dofadr
-    moved = (j for j in robot.hinges if dofs[j] in robot.driven or not _is_tied(robot, j))
+    moved = (j for j in robot.hinges if dofs[j] in robot.driven or not is_tied(robot, j))
     hinged = [int(robot.model.jnt_bodyid[j]) for j in moved]
     own = [[body for body in chain if all_ends.count(body) == 1] for chain in ends]
     return sum(sum(hinged.count(body) for body in chain) > 1 for chain in own)
@@ -323,61 +221,6 @@ def free_object_joint(robot: Robot) -> int | None:
     joints = (j for j in range(model.njnt) if not robot.in_tree(model.jnt_bodyid[j]))
     named = (j for j in joints if "target" not in model.body(model.jnt_bodyid[j]).name)
     return next((j for j in named if model.jnt_dofadr[j] not in robot.driven), None)
-
-
-def _height_index(robot: Robot) -> int | None:
-    """Returns the place in qpos of the base's height."""
-    model = robot.model
-    for j in robot.base:
-        is_free = model.jnt_type[j] == FREE
-        if is_free or (model.jnt_type[j] == SLIDE and abs(robot.data.xaxis[j][2]) > 0.5):
-            return int(model.jnt_qposadr[j] + 2 * is_free)
-    return None
-
-
-def _stand_on_ground(robot: Robot) -> None:
-    """Sets the start of a robot that gravity holds on the ground: within its limits, knees bent.
-
-    Its feet are what of its outermost bodies is lowest.
-    """
-    model, data = robot.model, robot.data
-    original = data.qpos.copy()
-    _keep_limits(robot)
-    robot.feet = _find_feet(robot)
-    if robot.feet:
-        _bend_knees(robot, original)
-        robot.feet = _find_feet(robot)
-    lowest = float(bottoms_of(robot).min(initial=np.inf))
-    if np.isfinite(lowest):
-        depth, height = ground_of(robot) - lowest, data.xpos[robot.root][2] - lowest
-        hovers = robot.feet and 0.04 < -depth / height < 2.0
-        data.qpos[_height_index(robot)] += depth if depth > 0.004 * height or hovers else 0.0
-    mujoco.mj_forward(model, data)
-    robot.height = float(data.xpos[robot.root][2] - ground_of(robot))
-    if robot.feet:
-        robot.kind = "legs"
-
-
-def _keep_limits(robot: Robot) -> None:
-    """Sets joints that start beyond their limits to a quarter of their range inside them."""
-    model, data = robot.model, robot.data
-    for j in robot.joints:
-        place, (low, high) = model.jnt_qposadr[j], model.jnt_range[j]
-        if model.jnt_limited[j] and not low - 1e-6 <= data.qpos[place] <= high + 1e-6:
-            share = 0.25 * (high - low)
-            data.qpos[place] = np.clip(data.qpos[place], low + share, high - share)
-    mujoco.mj_forward(model, data)
-
-
-def _is_crouching(robot: Robot) -> bool:
-    """Returns whether its hips are lower than half the length of its legs."""
-    for foot, leg in zip(robot.feet, legs_of(robot), strict=True):
-        bending = _bending_joints(robot, leg)
-        points = [*robot.data.xanchor[bending], robot.data.geom_xpos[foot]]
-        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
-        if points[0][2] - ground_of(robot) < 0.5 * length:
-            return True
-    return False
 
 
 def touching_geoms(model: mujoco.MjModel) -> Mask:
@@ -431,31 +274,6 @@ def lowest_points(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return np.where(touching_geoms(model), bottoms, np.inf)
 
 
-def _find_feet(robot: Robot) -> list[int]:
-    """Returns a geom of each foot, by the angle around the robot, the left front one first."""
-    model, data = robot.model, robot.data
-    bottoms = bottoms_of(robot)
-    bodies = np.unique(model.geom_bodyid[np.isfinite(bottoms)])
-    lowest = float(bottoms.min(initial=np.inf))
-    height = data.xpos[robot.root][2] - lowest
-    reach = lowest + 0.1 * height if bodies.size else lowest  # a robot may have no shapes
-    found = dict[int, int]()
-    for body in map(int, np.setdiff1d(bodies, [*model.body_parentid[bodies], robot.root])):
-        own = np.flatnonzero((model.geom_bodyid == body) & np.isfinite(bottoms))
-        if bottoms[own].min() < reach and not is_wheel(robot, body, own):
-            soles = own[bottoms[own] < bottoms[own].min() + 0.02 * height]
-            places = data.geom_xpos[soles]
-            nearest = np.abs(places - places.mean(axis=0)).sum(axis=1).argmin()
-            found[int(model.body_parentid[body])] = int(soles[nearest])
-    for geom in list(found.values()):  # what is above a foot on the same leg is none
-        for parent in robot.chain(int(model.geom_bodyid[geom]))[1:]:
-            if parent in found and bottoms[found[parent]] > bottoms[geom] + 0.04 * height:
-                del found[parent]
-    centre = data.subtree_com[robot.root] if robot.base else data.xpos[robot.root]
-    around = {i: np.arctan2(*(data.geom_xpos[i] - centre)[[1, 0]]) for i in found.values()}
-    return sorted(around, key=lambda i: around[i] % (2 * np.pi))
-
-
 def is_wheel(robot: Robot, body: int, geoms: Any) -> bool:
     """Returns whether a body turns about its own middle, without end."""
     model, data = robot.model, robot.data
@@ -474,150 +292,9 @@ def legs_of(robot: Robot) -> list[list[int]]:
     return [[j for j in robot.hinges if model.jnt_bodyid[j] in leg] for leg in alone]
 
 
-def _bending_joints(robot: Robot, leg: list[int]) -> list[int]:
+def bending_joints(robot: Robot, leg: list[int]) -> list[int]:
     """Returns the hinges that bend a leg: most of them are parallel, as hip, knee and ankle are."""
     axes = {j: robot.data.xaxis[j] for j in leg}
     level = [j for j in axes if abs(axes[j][2]) < 0.5]
     groups = [[k for k in axes if abs(axes[j] @ axes[k]) > 0.9] for j in level]
     return max(groups, key=len, default=[])
-
-
-def _bend_knees(robot: Robot, original: Array) -> None:
-    """Bends legs that are straight, or whose joints were beyond their ranges in the model's pose.
-
-    Each foot comes to below where it was there, or at least near it, nearer to the trunk and as
-    level, by damped Gauss-Newton steps over the joints of its leg. One that does not stays.
-    """
-    model, data = robot.model, robot.data
-    inside = data.qpos.copy()
-    data.qpos[:] = original
-    mujoco.mj_kinematics(model, data)
-    places, frames = data.geom_xpos.copy(), data.geom_xmat.reshape(-1, 3, 3).copy()
-    data.qpos[:] = inside
-    middle, spread = places[robot.feet].mean(axis=0), np.ptp(places[robot.feet], axis=0)
-    # Pushes to the side are what four legs in a narrow stance do not bear.
-    is_narrow = len(robot.feet) > 2 and spread[:2].min() < data.xpos[robot.root][2] - middle[2]
-    wider = 0.15 * (spread[:2] == spread[:2].min()) * is_narrow
-    for foot, hinges in zip(robot.feet, legs_of(robot), strict=True):
-        wanted, level = places[foot], frames[foot]
-        mujoco.mj_kinematics(model, data)
-        leg = _bending_joints(robot, hinges)
-        points = [*data.xanchor[leg], *([] if len(leg) > 2 else [data.geom_xpos[foot]])]
-        length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum() if len(leg) > 1 else 0.0
-        at, dofs = model.jnt_qposadr[hinges], model.jnt_dofadr[hinges]
-        low, high = np.where(
-            model.jnt_limited[hinges, None], model.jnt_range[hinges], [-3.0, 3.0]
-        ).T
-        moved, before = inside[at] != original[at], data.qpos[at].copy()
-        is_straight = length and np.linalg.norm(points[-1] - points[0]) > 0.97 * length
-        if not (length and (is_straight or moved.any())):
-            continue
-        wanted[2] += (0.36 if len(robot.feet) > 2 else 0.07) * length
-        wanted[:2] += wider * np.sign(wanted[:2] - middle[:2]) * length
-        # A straight knee bends either way; it begins on the side where its range is larger.
-        way = 0.3 * np.sign(low + high - 2 * before)
-        bent = before + np.where(np.isin(hinges, leg[1:2]) & ~moved, way, 0.0)
-        weight = 0.3 * length * (len(leg) > 2)  # only an ankle keeps a foot level
-        jacobian, turning = np.zeros((2, 3, model.nv))
-        for aside in (1.0, 0.3):  # how much it counts to be right below
-            near = np.array([aside, aside, 1.0])
-            data.qpos[at] = bent
-            for _ in range(100):
-                mujoco.mj_kinematics(model, data)
-                mujoco.mj_comPos(model, data)
-                mujoco.mj_jacGeom(model, data, jacobian, turning, foot)
-                turn = 0.5 * np.cross(data.geom_xmat[foot].reshape(3, 3).T, level.T).sum(axis=0)
-                error = np.r_[near * (wanted - data.geom_xpos[foot]), weight * turn]
-                rows = np.concatenate([near[:, None] * jacobian, weight * turning])[:, dofs]
-                for _ in range(2):  # again without the joints that it drives against their limits
-                    square = rows.T @ rows + 1e-3 * length**2 * np.eye(len(dofs))
-                    step = np.linalg.solve(square, rows.T @ error)
-                    now = data.qpos[at]
-                    rows *= ((now > low) | (step > 0)) & ((now < high) | (step < 0))
-                data.qpos[at] = np.clip(now + step, low, high)
-            if np.abs(error[:3]).max() < 0.05 * length:
-                break
-        else:
-            data.qpos[at] = before
-    mujoco.mj_kinematics(model, data)
-
-
-def _set_forward(robot: Robot) -> None:
-    """Sets the direction in which a robot goes: that of a swimmer's head, or across its sides.
-
-    One whose feet hardly move in that direction goes in the other.
-    """
-    model, data = robot.model, robot.data
-    bodies = np.flatnonzero(robot.in_tree(np.arange(model.nbody)))
-    if robot.kind == "swimmer":
-        behind = data.subtree_com[robot.root] - data.xipos[robot.root]
-        if np.abs(behind[:2]).max() > 1e-3:
-            axis = int(np.abs(behind[:2]).argmax())
-            robot.forward = ("xy"[axis], -float(np.sign(behind[axis])))
-    elif robot.is_free:
-        # In the root's frame, as its velocities are:
-        local = (data.xpos[bodies] - data.xpos[robot.root]) @ robot.frame
-        images = [local * [-1.0, 1.0, 1.0], local * [1.0, -1.0, 1.0]]
-        gaps = (np.abs(image[:, None] - local).sum(axis=2) for image in images)
-        unlike = [each.min(axis=1).sum() for each in gaps]
-        along, across = _foot_reach(robot)[:2]
-        if unlike[0] < 0.1 * unlike[1] or along < 0.1 * across:
-            robot.forward = ("y", 1.0)
-
-
-def _foot_reach(robot: Robot) -> Array:
-    """Returns how far hinges move the feet along each of the root's axes [m/rad], shape (3,)."""
-    model, found, jacobian = robot.model, np.zeros(3), np.empty((3, robot.model.nv))
-    for foot, leg in zip(robot.feet, legs_of(robot), strict=True):
-        mujoco.mj_jacGeom(model, robot.data, jacobian, None, foot)
-        found += np.abs(robot.frame.T @ jacobian[:, model.jnt_dofadr[leg]]).sum(axis=1)
-    return found
-
-
-def _set_goal(robot: Robot) -> None:
-    """Sets the positions that a robot which stays in its place shall come to.
-
-    A pendulum starts where it hangs lowest and shall stand highest: hinges are tried in turn, in
-    steps of an eighth of a turn. Another one shall move its joints by up to half a radian.
-    """
-    model, data = robot.model, robot.data
-    robot.goal = np.array(data.qpos)
-    if robot.base:
-        return
-    if robot.kind != "pendulum":
-        for j in robot.joints:
-            place, (low, high) = model.jnt_qposadr[j], model.jnt_range[j]
-            at, way = data.qpos[place], 0.5 if model.jnt_type[j] == HINGE else 0.1
-            if model.jnt_limited[j]:  # towards the middle, or away from it
-                inwards = (low + high) / 2 - at
-                away = min(way, (high - low) / 4)
-                way = np.clip(inwards, -way, way) if abs(inwards) > 0.05 else away
-            robot.goal[place] = at + way * (model.jnt_dofadr[j] in robot.driven)
-        return
-    wide = ~model.jnt_limited.astype(bool) | (np.ptp(model.jnt_range, axis=1) > 6.0)
-    turning = [j for j in robot.hinges if wide[j]]
-    robot.goal, lowest = (_extreme_pose(robot, turning, sign) for sign in (1.0, -1.0))
-    if np.allclose(robot.goal, lowest):  # as of a pole that its limits hold up
-        lowest[model.jnt_qposadr[[j for j in robot.joints if _is_moved_by_gravity(robot, j)]]] += (
-            0.1
-        )
-    data.qpos[:], robot.key = lowest, None
-    mujoco.mj_forward(model, data)
-
-
-def _extreme_pose(robot: Robot, joints: list[int], sign: float) -> Array:
-    """Returns the positions at which ± the energy of a pendulum is greatest."""
-    model, data = robot.model, robot.data
-
-    def energy(qpos: Array) -> float:
-        data.qpos[:] = qpos
-        mujoco.mj_forward(model, data)
-        mujoco.mj_energyPos(model, data)
-        return round(sign * float(data.energy[0]), 9)
-
-    best = np.array(data.qpos)
-    for place in 2 * model.jnt_qposadr[joints].tolist():
-        tried = np.tile(best, (8, 1))
-        tried[:, place] = np.linspace(0.0, 2 * np.pi, 8, endpoint=False)
-        best = max(tried, key=energy)
-    return best

@@ -13,8 +13,8 @@ from vgps_ros.core.ddp.solve import Iteration
 from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.records import Array, LinearDynamics, Trajectory, TrajectoryDistribution
 from vgps_ros.robot.controls import Mask
-from vgps_ros.search.judgement import Achieved
-from vgps_ros.search.optimization_request import OptimizationRequest, first_request, nominal_of
+from vgps_ros.search.judgement import CommandReadings
+from vgps_ros.search.optimization_request import OptimizationRequest, first_request, initial_motion
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.situations import check_situations
 from vgps_ros.search.trajectory_optimization import optimize
@@ -34,7 +34,7 @@ _FAR = 0.7  # share of the start's cost from which on a step at the end is as fa
 _NEAR = 0.1  # share of it up to which the motion has arrived, so that little is left to improve
 _MUCH = 0.1  # share of the cost from which on a part of it is what the task is for
 _UNTOUCHED = 0.5  # share of the steps in which a reading stays as it was, if nothing touches it
-_TOLD = 10  # most iterations of DDP for each command
+_PER_COMMAND = 10  # most iterations of DDP for each command
 _STANDS = 0.5  # share of a command that DDP's motion misses, if it does little of it
 _UNMOVED = 1e-9  # a reading that all controls together move by less does not count as moved
 
@@ -74,38 +74,17 @@ def examine_task(
     """
     settings = search_settings(task)
     check_situations(task, settings, seed)
-    found = TaskCheck(troubles=_at_start(task))
+    found = TaskCheck(troubles=_examine_start(task))
     request = first_request(task, seed, iterations)
-    told = task.in_context(request.situation.context)
-    began = time.perf_counter()
-    is_late = lambda: time.perf_counter() - began > seconds  # noqa: E731
-    try:
-        nominal = nominal_of(told, request, is_late)
-        first, found.is_guess = nominal.trajectory, nominal.gaps is not None
-        found.costs.append(float(task.cost.values(first).sum()))
-    except VgpsError as error:
-        found.troubles.append(f"The first rollout fails: {error}")
+    nominal = _find_first_motion(task, request, seconds, found)
+    if nominal is None:
         return found
-    if not (np.isfinite(first.states).all() and np.isfinite(found.costs[0])):
-        found.troubles.append(
-            "The first rollout diverges: begin with smaller controls (begin: std), add damping "
-            '(changes: {joints: {"*": {damping: 1.0}}}), or choose a shorter time step.'
-        )
-        return found
-    if is_late():
-        found.notes.append(
-            f"the choice of a first motion (begin) ended after {seconds:g} s, so what follows is "
-            "of the best one so far; raise --seconds."
-        )
+    first = nominal.trajectory
     rest = np.clip(task.cost.control_targets, *task.dynamics.control_limits)
     still = task.dynamics.rollout(task.initial_state, lambda *_: rest, first.horizon)
     found.notes += _nothing_to_do(task, still)
-    if (took := _linearizing(task, first, seconds)) > seconds > 0.0:
-        found.troubles.append(
-            f"Derivatives along one motion take about {took:.3g} s, more than the {seconds:g} s of "
-            "--seconds, so that DDP makes no iteration, and a training would take long: remove "
-            "bodies or lock joints that the task can do without (changes), or shorten its horizon."
-        )
+    if too_slow := _slow_derivatives(task, first, seconds):
+        found.troubles += too_slow
         return found
     linear, _ = task.dynamics.linearize(first)
     is_unmoved = _find_unmoved(task, first, linear)
@@ -116,19 +95,21 @@ def examine_task(
     ]
     if not found.is_guess:
         found.errors = derivative_errors(task, first)
-        found.troubles += inexact(task, found.errors)
+        found.troubles += explain_inexact_derivatives(task, found.errors)
     start = replace(nominal, linear_dynamics=linear)
     q = _optimize(task, request, start, on_iteration, seconds, found)
     if found.is_guess:  # whose feet rest just where contact begins, where no derivative exists
         found.errors = derivative_errors(task, found.optimized or first)
-        found.troubles += inexact(task, found.errors)
+        found.troubles += explain_inexact_derivatives(task, found.errors)
     names = [*task.cost_names, "controls"]
-    costs = (_parts_of(task, motion) for motion in (first, found.optimized or first))
+    costs = (_cost_parts(task, motion) for motion in (first, found.optimized or first))
     found.parts = list(zip(names, *costs, strict=True))
     if q:
-        stds = np.sqrt(np.diagonal(q.control_covariances, axis1=1, axis2=2))
-        found.troubles += _wild(task, np.median(stds, axis=0) / settings.alphas[0] ** 0.5)
-        found.troubles += _after(task, q.mean, found, task.cost.values(still))
+        alpha, cost = settings.alphas[0], task.cost.values(still)
+        found.troubles += [
+            *_excessive_noise(task, q, alpha),
+            *_examine_result(task, q.mean, found, cost),
+        ]
         found.troubles += _name_untouched(task, q.mean, is_unmoved)
         found.commands = _measure_commands(task, request, q.mean, on_iteration, seconds)
         found.troubles += [
@@ -139,6 +120,38 @@ def examine_task(
             if abs(does - value) > _STANDS * abs(value)
         ]
     return found
+
+
+def _find_first_motion(
+    task: Task, request: OptimizationRequest, seconds: float, found: TaskCheck
+) -> Nominal | None:
+    """Returns the task's first motion, and notes how it went; None where there is none."""
+    is_late = _timer(seconds)
+    try:
+        nominal = initial_motion(task.in_context(request.situation.context), request, is_late)
+        first, found.is_guess = nominal.trajectory, nominal.gaps is not None
+        found.costs.append(float(task.cost.values(first).sum()))
+    except VgpsError as error:
+        found.troubles.append(f"The first rollout fails: {error}")
+        return None
+    if not (np.isfinite(first.states).all() and np.isfinite(found.costs[0])):
+        found.troubles.append(
+            "The first rollout diverges: begin with smaller controls (begin: std), add damping "
+            '(changes: {joints: {"*": {damping: 1.0}}}), or choose a shorter time step.'
+        )
+        return None
+    if is_late():
+        found.notes.append(
+            f"the choice of a first motion (begin) ended after {seconds:g} s, so what follows is "
+            "of the best one so far; raise --seconds."
+        )
+    return nominal
+
+
+def _timer(seconds: float) -> Callable[[], bool]:
+    """Returns a function that says whether so many seconds have passed since now."""
+    end = time.perf_counter() + seconds
+    return lambda: time.perf_counter() > end
 
 
 def _measure_commands(
@@ -153,20 +166,21 @@ def _measure_commands(
     It is the mean over the later half of the horizon. DDP begins with the motion that it found for
     the first situation, and ends after so many seconds in all.
     """
-    signals, achieved = task.signals, Achieved.of(task)
-    began, found = time.perf_counter(), list[tuple[str, str, float, float]]()
+    signals, achieved = task.signals, CommandReadings.of(task)
+    is_late, found = _timer(seconds), list[tuple[str, str, float, float]]()
 
     def note(iteration: Iteration) -> None:
-        on_iteration(request.max_iterations + _TOLD * len(found) + iteration.index, iteration.cost)
+        on_iteration(
+            request.max_iterations + _PER_COMMAND * len(found) + iteration.index, iteration.cost
+        )
 
-    is_late = lambda: time.perf_counter() - began > seconds  # noqa: E731
     for column, i in enumerate(achieved.commands):
         command = signals.commands[i]
         for value in sorted({command.lowest, command.highest} - {command.rest}):
             commands = np.where(np.arange(len(signals.rest)) == i, value, signals.rest)
-            context = signals.held(commands, task.planned_horizon)
+            context = signals.constant_context(commands, task.planned_horizon)
             situation = replace(request.situation, context=context)
-            asked = replace(request, situation=situation, max_iterations=_TOLD)
+            asked = replace(request, situation=situation, max_iterations=_PER_COMMAND)
             try:
                 q = optimize(task, asked, note, is_late, Nominal(motion)).distribution
             except VgpsError:
@@ -195,8 +209,7 @@ def _optimize(
 
     quick = replace(task, optimizer=replace(task.optimizer, first_tolerance=_SMALL))
     try:
-        is_late = lambda: time.perf_counter() - began > seconds  # noqa: E731
-        q = optimize(quick, request, note, is_late, start).distribution
+        q = optimize(quick, request, note, _timer(seconds), start).distribution
         found.optimized = q.mean
     except VgpsError as error:
         if getattr(error, "status", "") != "indefinite_quu" or not found.troubles:  # the cause
@@ -211,14 +224,14 @@ def _optimize(
     return q
 
 
-def _parts_of(task: Task, motion: Trajectory) -> list[float]:
+def _cost_parts(task: Task, motion: Trajectory) -> list[float]:
     """Returns what each reading, and last the controls, cost along a motion."""
     readings = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0)
     deviations = motion.controls - task.cost.control_targets
     return [*readings.tolist(), float((deviations**2 @ task.cost.control_weights).sum())]
 
 
-def _at_start(task: Task) -> list[str]:
+def _examine_start(task: Task) -> list[str]:
     """Names what is wrong with the state from which the task starts."""
     model, troubles = task.dynamics.model, list[str]()
     data = mujoco.MjData(model)
@@ -260,7 +273,7 @@ def _nothing_to_do(task: Task, still: Trajectory) -> list[str]:
     ]
 
 
-def inexact(task: Task, errors: list[float]) -> list[str]:
+def explain_inexact_derivatives(task: Task, errors: list[float]) -> list[str]:
     """Names what makes derivatives worthless: a solver that ends early, cones, or contact."""
     if (hardness := float(np.quantile(errors, 0.9))) < _HARD:
         return []
@@ -294,8 +307,10 @@ def inexact(task: Task, errors: list[float]) -> list[str]:
     ]
 
 
-def _wild(task: Task, stds: Array) -> list[str]:
+def _excessive_noise(task: Task, q: TrajectoryDistribution, alpha: float) -> list[str]:
     """Names controls whose noise, as the weights leave it, is wilder than what they can do."""
+    variances = np.diagonal(q.control_covariances, axis1=1, axis2=2)
+    stds = np.median(np.sqrt(variances), axis=0) / alpha**0.5
     low, high = task.dynamics.control_limits
     half = (high - low) / 2
     wild = np.flatnonzero(np.isfinite(half) & (stds > _WILD * half))
@@ -310,8 +325,8 @@ def _wild(task: Task, stds: Array) -> list[str]:
     ]
 
 
-def _linearizing(task: Task, motion: Trajectory, limit: float) -> float:
-    """Returns the time that derivatives along a motion take, as those of its first step do [s]."""
+def _slow_derivatives(task: Task, motion: Trajectory, limit: float) -> list[str]:
+    """Says that derivatives along a motion take longer than a limit [s], by those of a step."""
     step, took = Trajectory(motion.states[:2], motion.controls[:1]), np.inf
     for _ in range(2):  # the first time, loops may have to be compiled
         began = time.perf_counter()
@@ -319,7 +334,13 @@ def _linearizing(task: Task, motion: Trajectory, limit: float) -> float:
         took = min(took, (time.perf_counter() - began) * motion.horizon)
         if took <= limit:
             break
-    return took
+    if not took > limit > 0.0:
+        return []
+    return [
+        f"Derivatives along one motion take about {took:.3g} s, more than the {limit:g} s of "
+        "--seconds, so that DDP makes no iteration, and a training would take long: remove "
+        "bodies or lock joints that the task can do without (changes), or shorten its horizon."
+    ]
 
 
 def derivative_errors(task: Task, trajectory: Trajectory) -> list[float]:
@@ -348,7 +369,7 @@ def _find_unmoved(task: Task, motion: Trajectory, linear: LinearDynamics) -> Mas
         adjoint = j_x[t] + adjoint @ linear.f_x[t]
     sensors = [name.rpartition("/")[0] or name for name in task.cost_names]
     is_moved = {sensor for sensor, by in zip(sensors, moved, strict=True) if by >= _UNMOVED}
-    return np.array([sensor not in is_moved for sensor in sensors])
+    return np.array([sensor not in is_moved for sensor in sensors], dtype=bool)
 
 
 def _name_untouched(task: Task, motion: Trajectory, is_known: Mask) -> list[str]:
@@ -369,7 +390,7 @@ def _name_untouched(task: Task, motion: Trajectory, is_known: Mask) -> list[str]
     ]
 
 
-def _dives(task: Task, motion: Trajectory) -> bool:
+def _sinks_at_end(task: Task, motion: Trajectory) -> bool:
     """Returns whether the centre of mass is lowest at the end, and sinks faster than before."""
     model, heights = task.dynamics.model, list[float]()
     data = mujoco.MjData(model)
@@ -383,7 +404,7 @@ def _dives(task: Task, motion: Trajectory) -> bool:
     return bool(heights[-1] == min(heights) and -speeds[-1] > _DIVES * before)
 
 
-def _after(task: Task, motion: Trajectory, found: TaskCheck, still: Array) -> list[str]:
+def _examine_result(task: Task, motion: Trajectory, found: TaskCheck, still: Array) -> list[str]:
     """Names what looks wrong about the optimised motion.
 
     `still` is what each step costs without a control.
@@ -417,7 +438,7 @@ def _after(task: Task, motion: Trajectory, found: TaskCheck, still: Array) -> li
             "DDP hardly lowers the cost: begin with another motion, or raise "
             "ddp.initial_regularization and ddp.regularization_floor (optimizer)."
         )
-    if task.fallen.readings.names and not task.lookahead and _dives(task, motion):
+    if task.fallen.readings.names and not task.lookahead and _sinks_at_end(task, motion):
         troubles.append(
             "The motion lets itself fall at its end, since nothing after it counts: add a "
             "lookahead of about 0.5 s."

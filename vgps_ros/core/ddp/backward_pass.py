@@ -150,13 +150,18 @@ def backward_pass(
     return LocalPolicy(k, gains, q_uu, free, slope, curvature, complete)
 
 
-_FROM_TOP, _LOWER_HALF = np.int64(0), np.int64(0)  # see `add_transposed_product`
+_FROM_TOP, _LOWER_HALF = np.int64(0), np.int64(0)  # see `_add_transposed_product`
 
 
 @compile_at_first_call
 def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
     f_x, f_u, c_x, c_u, c_xx, c_uu, c_ux, mu, low, high, gaps, slopes
 ):
+    """Does what the module's docstring writes in NumPy.
+
+    It is one long loop since all of a step works on the same arrays, which are allocated once: each
+    part would have to be handed a dozen of them.
+    """
     horizon, n_x, n_u = f_u.shape
     k = np.zeros((horizon, n_u))
     gains = np.zeros((horizon, n_u, n_x))
@@ -195,11 +200,11 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
         for i in range(n_x):
             for j in range(n_z):
                 q_z[j] += f_z[i, j] * v_x[i]
-        add_transposed_product(v_xx, f_z, vf, _FROM_TOP, n_z)
-        add_transposed_product(f_z, vf, q_zz, _FROM_TOP, _LOWER_HALF)
+        _add_transposed_product(v_xx, f_z, vf, _FROM_TOP, n_z)
+        _add_transposed_product(f_z, vf, q_zz, _FROM_TOP, _LOWER_HALF)
         if mu > 0.0:
             ff[n_x:] = 0.0
-            add_transposed_product(f_z, f_z, ff, n_x, _LOWER_HALF)
+            _add_transposed_product(f_z, f_z, ff, n_x, _LOWER_HALF)
 
         # Solve (Quu + μ BᵀB) [k K] = −[Q_u  Q_ux + μ BᵀA] by a Cholesky factorisation; where k
         # reaches a bound, it is the start of the search for the k within the bounds.
@@ -211,7 +216,7 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
             right[i, 0] = -q_z[row]
             for j in range(n_x):
                 right[i, 1 + j] = -(q_zz[row, j] + mu * ff[row, j])
-        if not solve_in_place(left, right):
+        if not _solve_in_place(left, right):
             return k, gains, quu, free, slope, curvature, False
         is_outside = False
         for i in range(n_u):
@@ -234,7 +239,7 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
                 for i in range(n_u):
                     for j in range(n_x):
                         right[i, 1 + j] -= regularized[i, m] * gains[t, m, j]
-            solve_free(regularized, free[t], left, right)
+            _solve_free(regularized, free[t], left, right)
             for m in range(n_u):
                 right[m, 0] = k[t, m]
                 if not free[t, m]:
@@ -260,7 +265,7 @@ def _recursion(  # type: ignore[no-untyped-def]  # pragma: no cover
             curvature += k[t, i] * quu_k
             for j in range(n_x):
                 v_x[j] += gains[t, i, j] * (quu_k + q_z[n_x + i]) + upper[n_u + i, j] * k[t, i]
-        add_transposed_product(upper, lower, q_zz, _FROM_TOP, _LOWER_HALF)
+        _add_transposed_product(upper, lower, q_zz, _FROM_TOP, _LOWER_HALF)
         for i in range(n_x):
             for j in range(i + 1):
                 v_xx[i, j] = v_xx[j, i] = q_zz[i, j]
@@ -304,7 +309,7 @@ def minimize_in_box(hessian, gradient, low, high, k, free):  # type: ignore[no-u
             return
         for i in range(n):
             step[i, 0] = -slope[i]
-        solve_free(hessian, free, left, step)
+        _solve_free(hessian, free, left, step)
         is_whole, size = False, 1.0
         while size > _SHORTEST:
             promise = change = 0.0
@@ -327,7 +332,7 @@ def minimize_in_box(hessian, gradient, low, high, k, free):  # type: ignore[no-u
 
 
 @compiled_part
-def solve_free(hessian, free, left, right):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _solve_free(hessian, free, left, right):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Overwrites `right` (n, m) with H⁻¹ of it over free coordinates, and zero in the others' rows.
 
     `left` (n, n) is overwritten too. Returns false if H is not positive definite there.
@@ -340,11 +345,11 @@ def solve_free(hessian, free, left, right):  # type: ignore[no-untyped-def]  # p
             left[i, i] = 1.0
             for j in range(m):
                 right[i, j] = 0.0
-    return solve_in_place(left, right)
+    return _solve_in_place(left, right)
 
 
 @compiled_part
-def add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Adds aᵀb to out from row `first` on: `width` columns, or the lower half if that is 0."""
     n = len(b)
     for i in range(first, a.shape[1]):
@@ -364,7 +369,7 @@ def add_transposed_product(a, b, out, first, width):  # type: ignore[no-untyped-
 
 
 @compiled_part
-def solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _solve_in_place(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Overwrites b with a⁻¹b; returns false if a is not positive definite or not finite."""
     n, m = b.shape
     for j in range(n):

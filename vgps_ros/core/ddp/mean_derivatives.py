@@ -56,11 +56,7 @@ def mean_derivatives(
 
 
 def _by_deviations(
-    space: StateSpace,
-    here: LinearDynamics,
-    there: LinearDynamics,
-    delta_x: Array,
-    delta_u: Array,
+    space: StateSpace, here: LinearDynamics, there: LinearDynamics, delta_x: Array, delta_u: Array
 ) -> LinearDynamics:
     """Returns derivatives at x̄ ⊕ δ as those of f(x̄ ⊕ δ, ū + δu) ⊖ f(x̄, ū) by δ and δu.
 

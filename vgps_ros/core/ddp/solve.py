@@ -82,7 +82,7 @@ class Solution:
     simulator_steps: int
 
 
-class StepSearch:
+class _StepSearch:
     """Finds a better trajectory for each iteration.
 
     The regularisation μ changes by a factor that itself changes, after Tassa, Erez and Todorov
@@ -174,37 +174,26 @@ def solve(
             "The initial trajectory diverges; start from smaller controls or another state."
         )
     problem = Problem(dynamics, cost)
-    search = StepSearch(problem, settings, is_cancelled)
+    search = _StepSearch(problem, settings, is_cancelled)
     iterate = problem.around(initial, linear_dynamics, gaps)
     derivative_steps = iterate.simulator_steps
-    log: list[Iteration] = []
-    brought = 0.0
-    status = Status.ITERATION_LIMIT
+    log, brought, status = list[Iteration](), 0.0, Status.ITERATION_LIMIT
+    negligible = cost_tolerance * abs(iterate.cost)
     while len(log) < max_iterations:
-        negligible = max(tolerance * brought, cost_tolerance * abs(iterate.cost))
         step = search.next_step(iterate, negligible)
-        had_gaps = iterate.gaps is not None
         if isinstance(step, Status):
             status = step
             break
-        log.append(
-            Iteration(
-                index=len(log) + 1,
-                cost=step.cost,
-                cost_reduction=iterate.cost - step.cost,
-                expected_reduction=step.expected_reduction,
-                step_size=step.step_size,
-                regularization=search.mu,
-            )
-        )
+        reduction, had_gaps = iterate.cost - step.cost, iterate.gaps is not None
+        of_step = step.expected_reduction, step.step_size, search.mu
+        log.append(Iteration(len(log) + 1, step.cost, reduction, *of_step))
         on_iteration(log[-1])
         search.lower_mu()
         iterate = problem.around(step.trajectory, gaps=step.gaps)
         derivative_steps += iterate.simulator_steps
-        brought += log[-1].cost_reduction
+        brought += reduction
         negligible = max(tolerance * brought, cost_tolerance * abs(iterate.cost))
-        is_small = log[-1].cost_reduction < negligible
-        if is_small and not had_gaps:
+        if reduction < negligible and not had_gaps:
             status = Status.CONVERGED
             break
     if status is not Status.CANCELLED:
@@ -252,19 +241,12 @@ def centre_of_q(problem: Problem, found: Iterate, mu: float) -> LocalPolicy:
 
 @dataclass(frozen=True)
 class Improvement:
-    """Result of one iteration.
+    """Result of one iteration."""
 
-    Attributes:
-        trajectory: the improved motion, or the given one where no step was accepted.
-        gains: K from around the given motion, shape (T, n_u, n_dx).
-        cost: the trajectory's cost.
-        status: `iteration_limit` where a step was accepted; else the reason why none was.
-    """
-
-    trajectory: Trajectory
-    gains: Array
-    cost: float
-    status: Status
+    trajectory: Trajectory  # the improved motion, or the given one where no step was accepted
+    gains: Array  # K from around the given motion, shape (T, n_u, n_dx)
+    cost: float  # the trajectory's cost
+    status: Status  # `iteration_limit` where a step was accepted; else the reason why none was
 
 
 def improve(
@@ -285,7 +267,7 @@ def improve(
     problem = Problem(dynamics, cost)
     around = problem.around(motion)
     negligible = COST_TOLERANCE * abs(around.cost)
-    step = StepSearch(problem, settings, is_cancelled).next_step(around, negligible)
+    step = _StepSearch(problem, settings, is_cancelled).next_step(around, negligible)
     gains = centre_of_q(problem, around, settings.distribution_regularization).gains
     if isinstance(step, Status):
         return Improvement(motion, gains, around.cost, step)

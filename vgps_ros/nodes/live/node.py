@@ -7,7 +7,8 @@ of `mpc`. It listens on 127.0.0.1 alone.
 """
 
 import time
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -19,7 +20,7 @@ from vgps_msgs.msg import LearningProgress
 from vgps_msgs.msg import Signals as SignalsMsg
 
 from vgps_ros.core.errors import VgpsError
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range
 from vgps_ros.messages.conversions import (
     nanoseconds,
     progress_from_msg,
@@ -31,7 +32,7 @@ from vgps_ros.messages.names import COMMAND, CONTEXT, MJCF, driver
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.live.clients import CommandsClient, CostClient, SimulationClient
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare
+from vgps_ros.ros_runtime.parameters import declare_settings
 from vgps_ros.ros_runtime.qos import LATCHED, NEWEST, STATES, STREAM
 from vgps_ros.ros_runtime.runner import Runnable
 from vgps_ros.ros_runtime.services import steady_timer
@@ -39,21 +40,24 @@ from vgps_ros.search.metrics import IterationMetrics
 from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.model import compile_model
 
-PORT = Setting(
-    "port",
-    8080,
-    "TCP port of the page, on 127.0.0.1; where it is taken, one of the next is used",
-    minimum=1024,
-    maximum=65000,
-)
-SIMULATION = Setting("simulation", "simulation", "name of the node whose services are called")
-EXECUTOR = Setting("executor", "policy_executor", "name of the node that the stick commands")
-PLANNER = Setting(
-    "planner",
-    "mpc",
-    "name of the node whose cost the sliders change, and that the stick commands where there is no "
-    "executor",
-)
+
+@dataclass(frozen=True)
+class _LiveSettings:
+    """Settings of the page. Their descriptions are what users read."""
+
+    port: Annotated[
+        int,
+        Range(1024, 65000),
+        "TCP port of the page, on 127.0.0.1; where it is taken, one of the next is used",
+    ] = 8080
+    simulation: Annotated[str, "name of the node whose services are called"] = "simulation"
+    executor: Annotated[str, "name of the node that the stick commands"] = "policy_executor"
+    planner: Annotated[
+        str,
+        "name of the node whose cost the sliders change, and that the stick commands where there "
+        "is no executor",
+    ] = "mpc"
+
 
 _FRAME, _LOOK = 1 / 30, 0.5  # periods of the picture and of what is asked for [s]
 _SILENCE = 3.0  # after which a controller that says nothing is no longer shown [s]
@@ -65,9 +69,9 @@ class Live(Node):
 
     def __init__(self) -> None:
         super().__init__("live")
-        port, simulation = declare(self, PORT), declare(self, SIMULATION)
+        settings = declare_settings(self, _LiveSettings())
         executor, planner = (
-            AsyncParameterClient(self, declare(self, s)) for s in (EXECUTOR, PLANNER)
+            AsyncParameterClient(self, name) for name in (settings.executor, settings.planner)
         )
         self._health = Health(self)
         self._health.wait_for(f"{MJCF} from simulation")
@@ -77,14 +81,14 @@ class Live(Node):
         self._drivers: dict[str, tuple[float, str]] = {}  # by controller, and when it said so
         self._history: dict[int, IterationMetrics] = {}
         self._is_drawn = True  # whether the history is
-        self.simulation = SimulationClient(self, simulation, self._tell)
+        self.simulation = SimulationClient(self, settings.simulation, self._tell)
         try:
             from vgps_ros.nodes.live.page import LivePage
         except ModuleNotFoundError as error:
             raise VgpsError(
                 f"The page needs the package {error.name}: pip install -r requirements/live.txt."
             ) from error
-        self.page = LivePage(port, self)
+        self.page = LivePage(settings.port, self)
         self.cost = CostClient(planner, self.page.show_cost, self._tell)
         self._commands = CommandsClient((executor, planner), self.page.show_commands, self._tell)
         self._told = self.create_publisher(SignalsMsg, COMMAND, STATES)

@@ -43,7 +43,7 @@ _STICK = Path(__file__).with_name("stick.html")
 _LONGEST = 4000  # bytes of what a page tells at once
 _PULSE = """<iframe hidden srcdoc="<script>parent.eval(`if (window.pulse !== {client}) {{
   window.pulse = {client};
-  const socket = window.told = new WebSocket('ws://127.0.0.1:{port}/{client}');
+  const socket = window.stickSocket = new WebSocket('ws://127.0.0.1:{port}/{client}');
   setInterval(() => socket.readyState === 1 && socket.send(''), 50);
 }}`)</script>"></iframe>"""  # in the page itself, since a panel that is folded loses its frames
 _NO_PULSE = 0.5  # time after which a page that says nothing does not pull any more [s]
@@ -129,7 +129,7 @@ class LivePage:
             self._robot.show(state)
 
     def push(self) -> tuple[str, Array] | None:
-        """Shows the drag that is under way, and returns the push that it stands for.
+        """Returns the push of a user who drags the robot by the mouse, and shows it.
 
         Returns:
             A body, and a force [N] at its origin and a torque [N·m] along its axes, shape (6,).
@@ -175,8 +175,8 @@ class LivePage:
         for command in commands:
             if (used := self.used.get(f"command/{command.name}")) is not None:
                 done = self._done(command)
-                is_known = "" if done is None else f", does {done:.2f}"
-                lines.append(f"{command.name}: told {used:.2f}{is_known} {command.unit}")
+                is_known = "" if done is None else f", actual {done:.2f}"
+                lines.append(f"{command.name}: command {used:.2f}{is_known} {command.unit}")
         self.tell(used="\n".join(lines))
 
     def tell(self, **texts: str) -> None:

@@ -42,7 +42,7 @@ from vgps_ros.tasks import make_task
 from vgps_ros.tasks.disturbance import DisturbanceSettings
 from vgps_ros.tasks.registry import DEMONSTRATION, TASK
 
-_PATIENCE = 0.2  # to wait for late subscribers [s]
+_SUBSCRIBER_TIMEOUT = 0.2  # to wait for late subscribers [s]
 
 _TRAINING = "training"  # key of a value on /diagnostics: how far it is
 
@@ -54,7 +54,7 @@ CHECKPOINT_FOLDER = Setting(
 )
 
 
-class KeptTraining(Checkpoints):
+class _KeptTraining(Checkpoints):
     """Checkpoints whose failure is reported, but stops no training."""
 
     def __init__(self, folder: Path, node: Node, health: Health):
@@ -189,7 +189,7 @@ class PolicyLearner(Node):
         checkpoints = None
         if self._checkpoint_folder:
             name = Run(self._method, self._task, settings, seed).name()
-            checkpoints = KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
+            checkpoints = _KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
         remaining = RemainingTime(settings.iterations)
         trouble = ""  # of the last iteration that had any
         for iteration in search(
@@ -232,7 +232,7 @@ class PolicyLearner(Node):
 
     def _await_readers(self) -> None:
         """Lets readers take the policy before: the topic keeps one, which the next one replaces."""
-        end = time.monotonic() + _PATIENCE
+        end = time.monotonic() + _SUBSCRIBER_TIMEOUT
         while time.monotonic() < end and not self._policies.wait_for_all_acked(Duration()):
             time.sleep(0.002)
 

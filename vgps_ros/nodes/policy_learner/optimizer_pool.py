@@ -17,7 +17,7 @@ from vgps_msgs.msg import OptimizerIteration, SolveStatus
 from vgps_msgs.srv import CancelOptimization, OptimizeTrajectory
 
 from vgps_ros.core.errors import DivergenceError, VgpsError
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.optimization import request_to_msg, result_from_msg
 from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import graph_names, value
@@ -35,9 +35,8 @@ OPTIMIZERS = Setting(
 OPTIMIZER_TIMEOUT = Setting(
     "optimizer_timeout",
     0.0,
+    Range(0.0, 1e6),
     "time without any optimizer after which a training fails [s]; 0: it waits for one for ever",
-    minimum=0.0,
-    maximum=1e6,
 )
 
 _POLL = 0.1  # between two looks at what is there and what was cancelled [s]

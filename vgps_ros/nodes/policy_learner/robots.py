@@ -28,7 +28,7 @@ from vgps_ros.core.errors import VgpsError
 from vgps_ros.core.observation import Observation
 from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import command_to_msg, nanoseconds
 from vgps_ros.messages.robot_state import JOINTS, StateMessages
 from vgps_ros.nodes.policy_learner.optimizer_pool import CancelledError
@@ -44,16 +44,15 @@ from vgps_ros.tasks import Task
 ROLLOUT_ROBOTS = Setting(
     "rollout_robots",
     ("",),
-    "namespaces of the robots that share the rollouts of mdgps with mirror.dynamics fitted, such "
-    "as robot_1, in each of which a simulation waits in lock-step; '' alone: this process "
-    "simulates them",
+    "namespaces of the robots that share the rollouts of mdgps with "
+    "mirror.dynamics fitted, such as robot_1, in each of which a simulation "
+    "waits in lock-step; '' alone: this process simulates them",
 )
 ROLLOUT_TIMEOUT = Setting(
     "rollout_timeout",
     60.0,
+    Range(0.0, 1e6),
     "time without a step of any robot after which a training fails [s]; 0: it waits for ever",
-    minimum=0.0,
-    maximum=1e6,
 )
 
 _POLL = 0.1  # longest wait for a message [s]
@@ -65,7 +64,7 @@ _Law = Callable[[int, int, Array], Array]
 _Waiting = Generator[None, None, Any]
 
 
-class RobotDynamics(Dynamics):
+class _RobotDynamics(Dynamics):
     """A model's dynamics, but rollouts are those of robots."""
 
     def __init__(self, model: Dynamics, robots: "Robots"):
@@ -120,7 +119,7 @@ class Robots:
     """
 
     def __init__(self, learner: Node, names: Sequence[str], task: Task, health: Health):
-        self.task = replace(task, dynamics=RobotDynamics(task.dynamics, self))
+        self.task = replace(task, dynamics=_RobotDynamics(task.dynamics, self))
         self.is_cancelled: Callable[[], bool] = lambda: False
         self._learner, self._health = learner, health
         # A node of its own, which runs in the thread of the search: messages then wake no other.

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from tf2_msgs.msg import TFMessage
 
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import LATEST, STATES, lively
@@ -21,10 +21,9 @@ TOPIC, FIXED_TOPIC = "/tf", "/tf_static"
 TF_RATE = Setting(
     "tf_rate",
     30.0,
-    "states whose frames are published on /tf per second of the wall clock, at most; 0: no frames, "
-    "for a robot_state_publisher that reads robot_description",
-    minimum=0.0,
-    maximum=10000.0,
+    Range(0.0, 10000.0),
+    "states whose frames are published on /tf per second of the wall clock, at most; 0: "
+    "no frames, for a robot_state_publisher that reads robot_description",
 )
 
 
@@ -41,7 +40,7 @@ class FrameBroadcaster:
         self._period = 1.0 / rate if rate else math.inf
         self._next = 0.0  # time of the next frames [s], by the steady clock
         if rate:
-            self._transforms = Transforms(model)
+            self._transforms = _Transforms(model)
             self._moving = node.create_publisher(TFMessage, TOPIC, lively(STATES))
             self._fixed = node.create_publisher(TFMessage, FIXED_TOPIC, lively(LATEST))
             self._fixed.publish(self._transforms.fixed)
@@ -55,7 +54,7 @@ class FrameBroadcaster:
         self._moving.publish(self._transforms.at(state, stamp_of(stamp)))
 
 
-class Transforms:
+class _Transforms:
     """Makes the messages of one robot.
 
     Attributes:

@@ -12,7 +12,7 @@ from sensor_msgs.msg import Imu
 from vgps_ros.core.checks import finite_array
 from vgps_ros.core.records import Array
 from vgps_ros.core.seeding import SEED, Stream, generator
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import IMU, StateMessages, put
 from vgps_ros.robot.bodies import BACK, product, rotate
@@ -25,10 +25,9 @@ _FIELDS, _AXES = ("orientation", "angular_velocity", "linear_acceleration"), ("w
 IMU_NOISE = Setting(
     "imu_noise",
     (0.0, 0.0, 0.0),
-    "standard deviations of the noise of the imu's orientation, angular velocity and linear "
-    "acceleration [rad, rad/s, m/s²]",
-    minimum=0.0,
-    maximum=1e3,
+    Range(0.0, 1e3),
+    "standard deviations of the noise of the imu's orientation, angular velocity and "
+    "linear acceleration [rad, rad/s, m/s²]",
 )
 
 

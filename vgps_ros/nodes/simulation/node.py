@@ -8,6 +8,8 @@ end after `wait_timeout` without a command.
 """
 
 import time
+from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -21,7 +23,7 @@ from vgps_ros.core.checks import finite_array
 from vgps_ros.core.dynamics import DIVERGENCE_BOUND
 from vgps_ros.core.errors import DivergenceError, InvalidInputError
 from vgps_ros.core.records import Array
-from vgps_ros.core.settings import Setting
+from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import (
     command_from_msg,
     gains_from_msg,
@@ -36,7 +38,7 @@ from vgps_ros.nodes.simulation.imu import SimulatedImu
 from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.nodes.simulation.services import RunControl, SimulationServices
 from vgps_ros.ros_runtime.health import Health
-from vgps_ros.ros_runtime.parameters import declare, value
+from vgps_ros.ros_runtime.parameters import declare, declare_settings, value
 from vgps_ros.ros_runtime.qos import LATEST, STATES, lively
 from vgps_ros.ros_runtime.runner import Runnable, streaming_executor
 from vgps_ros.ros_runtime.services import steady_timer
@@ -44,44 +46,44 @@ from vgps_ros.simulation.frames import state_layout
 from vgps_ros.simulation.urdf import urdf
 from vgps_ros.simulation.warnings import in_words
 from vgps_ros.tasks import make_task
-from vgps_ros.tasks.disturbed_task import in_closed_loops
+from vgps_ros.tasks.disturbed_task import with_servos
 from vgps_ros.tasks.registry import TASK
 
-MODE = Setting(
-    "mode",
-    "lock_step",
-    "lock_step waits for the command that answers a state; real_time follows the wall clock",
-    choices=("lock_step", "real_time"),
-)
-REAL_TIME_FACTOR = Setting(
-    "real_time_factor",
-    1.0,
-    "simulated seconds per second of the wall clock, in real_time mode",
-    minimum=0.01,
-    maximum=100.0,
-)
 COMMAND_TIMEOUT = Setting(
     "command_timeout",
     0.5,
-    "in real_time mode, the robot is left alone after this time without a command: torques are "
-    "zero, and servos hold their positions; a command that answers an older state is refused [s of "
-    "the wall clock]",
-    minimum=0.01,
-    maximum=86400.0,
+    Range(0.01, 86400.0),
+    "in real_time mode, the robot is left alone after this time without a "
+    "command: torques are zero, and servos hold their positions; a command that "
+    "answers an older state is refused [s of the wall clock]",
 )
 PUSH_DURATION = Setting(
     "push_duration",
     0.1,
+    Range(0.0, 3600.0),
     "simulated time for which a push acts, unless another one comes before [s]",
-    minimum=0.0,
-    maximum=3600.0,
 )
-START_PAUSED = Setting("start_paused", False, "whether to wait for a service call before moving")
 
 _COMMAND = "joint_command from policy_executor"
 _OLDEST_COMMAND = 10  # control steps for which a command may be held before that is an error
 _FIGURE_PERIOD = 1.0  # over which figures are taken [s]
 _REPEAT_PERIOD = 1.0  # between two copies of a state that does not change [s]
+
+
+@dataclass(frozen=True)
+class _SimulationSettings:
+    """Settings that stay as long as the simulation runs."""
+
+    mode: Annotated[
+        Literal["lock_step", "real_time"],
+        "lock_step waits for the command that answers a state; real_time follows the wall clock",
+    ] = "lock_step"
+    real_time_factor: Annotated[
+        float,
+        Range(0.01, 100.0),
+        "simulated seconds per second of the wall clock, in real_time mode",
+    ] = 1.0
+    start_paused: Annotated[bool, "whether to wait for a service call before moving"] = False
 
 
 class SimulationNode(Node):
@@ -94,22 +96,22 @@ class SimulationNode(Node):
         self._initial_state = Setting(
             "initial_state",
             tuple(self._task.initial_state.tolist()),
-            "positions, velocities and activations, in MuJoCo's order, at the next reset [m, rad, "
-            "m/s, rad/s]",
-            minimum=-DIVERGENCE_BOUND,
-            maximum=DIVERGENCE_BOUND,
+            Range(-DIVERGENCE_BOUND, DIVERGENCE_BOUND),
+            "positions, velocities and activations, in MuJoCo's order, at "
+            "the next reset [m, rad, m/s, rad/s]",
         )
         start = declare(self, self._initial_state, may_change=True, also_check=self._to_state)
-        self._lock_step = declare(self, MODE) == "lock_step"
-        self._factor = factor = declare(self, REAL_TIME_FACTOR)
+        settings = declare_settings(self, _SimulationSettings())
+        self._lock_step = settings.mode == "lock_step"
+        self._factor = factor = settings.real_time_factor
         declare(self, COMMAND_TIMEOUT, may_change=True)
         declare(self, PUSH_DURATION, may_change=True)
-        self.control = RunControl(paused=declare(self, START_PAUSED))
+        self.control = RunControl(paused=settings.start_paused)
         model = self._task.dynamics.model
         self._frames = FrameBroadcaster(self, model)
         self._imu = SimulatedImu(self, self._messages, model.opt.gravity)
         self._health = Health(self, owns=("joint_states", "/clock", *self._frames.topics))
-        self._command_age = CommandAge(self._health)
+        self._command_age = _CommandAge(self._health)
         self.robot = SimulatedRobot(self._task, self._messages, self._to_state(start))
         self._warned = self._task.dynamics.warnings()
         self._held_stamp = 0  # of the state that the held command answers [ns]
@@ -210,7 +212,7 @@ class SimulationNode(Node):
             gains = gains_from_msg(message, own)
             if np.array_equal(gains, (own.stiffness, own.damping)):
                 return
-            self._task = in_closed_loops(self._motors, *gains)
+            self._task = with_servos(self._motors, *gains)
             self._warned = self._task.dynamics.warnings()
             self.robot.close_loops(self._task)
             self._held, self._is_left_alone = self.robot.resting(), True
@@ -278,7 +280,7 @@ class SimulationNode(Node):
         self._publish()
 
 
-class CommandAge:
+class _CommandAge:
     """Shows on /diagnostics for how many control steps each command was held; one is right."""
 
     def __init__(self, health: Health):

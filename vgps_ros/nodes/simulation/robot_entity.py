@@ -147,11 +147,7 @@ class RobotEntity:
 
 
 def _matches(pattern: str, name: str) -> bool:
-    """Returns whether a regular expression matches, in time that does not grow with its tricks.
-
-    Raises:
-        RefusedError: it is none.
-    """
+    """Returns whether a regular expression matches, in time that does not grow with its tricks."""
     import pyarrow  # as late as this: its import takes time and memory, and filters are rare
     from pyarrow import compute
 

@@ -177,8 +177,8 @@ class SimulationServices:
         self._entity = RobotEntity(task)
         self._goal: ServerGoalHandle | None = None  # whose steps are under way
         for kind, answer in {
-            GetEntities: self._list,
-            GetEntitiesStates: self._list,
+            GetEntities: self._list_entities,
+            GetEntitiesStates: self._list_entities,
             GetEntityInfo: self._tell_info,
             GetEntityState: self._tell_state,
             GetSimulationState: self._tell_simulation_state,
@@ -291,7 +291,7 @@ class SimulationServices:
         robot = self._robot
         return self._entity.state(robot.state, robot.control, stamp_of(robot.stamp))
 
-    def _list(self, request: Any, response: Any) -> None:
+    def _list_entities(self, request: Any, response: Any) -> None:
         """Answers GetEntities, and GetEntitiesStates with the states."""
         if self._entity.passes(request.filters):
             response.entities = [self._entity.name]

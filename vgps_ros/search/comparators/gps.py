@@ -162,16 +162,11 @@ class _Loss:
 
 
 @dataclass(frozen=True)
-class Batch:
-    """Rollouts of one distribution.
+class _Batch:
+    """Rollouts of one distribution."""
 
-    Attributes:
-        rollouts: the rollouts that did not diverge.
-        source: the distribution that they were drawn from.
-    """
-
-    rollouts: Rollouts
-    source: GaussianPolicy | TrajectoryDistribution
+    rollouts: Rollouts  # the rollouts that did not diverge
+    source: GaussianPolicy | TrajectoryDistribution  # the distribution that they were drawn from
 
     def log_density(self, observation: Observation, states: Array, controls: Array) -> Array:
         """Returns log q(u_t|x_t) of states (N, T, n_x) and controls (N, T, n_u), shape (N, T)."""
@@ -182,7 +177,7 @@ class Batch:
         return control_log_density(q, deviations, controls)
 
 
-Batches = tuple[tuple[Batch, ...], ...]
+Batches = tuple[tuple[_Batch, ...], ...]
 """The batches from each initial state."""
 
 
@@ -243,7 +238,7 @@ def guided_search(
     solutions, adapted = last.solutions, last.adapted
     if adapts:
         solutions = work.reoptimize(solutions, best, k)
-        guides = guiding_distributions(work, solutions)
+        guides = _guiding_distributions(work, solutions)
         new = [_guide(work, q, i, work.settings.policy_rollouts, k) for i, q in enumerate(guides)]
         adapted = _latest_batches(adapted, new, _RECENT)
     return GuidedUpdate(best, solutions, lowest, w_r, last.guiding, recent, adapted)
@@ -254,15 +249,15 @@ def _with_rollouts(
 ) -> tuple[Batches, float]:
     """Rolls a policy out; returns the batches that are kept then, and the rollouts' mean cost."""
     draws = work.sample_policy(policy, work.settings.policy_rollouts, k)
-    new = [Batch(rollouts.sound(), policy) for rollouts in draws]
+    new = [_Batch(rollouts.sound(), policy) for rollouts in draws]
     kept = _RECENT * (2 if work.settings.gps.redraw else 1)
-    return _latest_batches(recent, new, kept), mean_rollout_cost(draws)
+    return _latest_batches(recent, new, kept), _mean_rollout_cost(draws)
 
 
 def _first(work: Workspace) -> GuidedUpdate:
     """Returns the state before the first iteration, whose policy is fitted to the guides."""
     solutions = work.initial_solutions
-    guides = guiding_distributions(work, solutions)
+    guides = _guiding_distributions(work, solutions)
     none: Batches = tuple(() for _ in guides)
     return GuidedUpdate(
         policy=work.supervised_policy(guides),
@@ -275,12 +270,12 @@ def _first(work: Workspace) -> GuidedUpdate:
     )
 
 
-def _latest_batches(batches: Batches, new: Sequence[Batch], count: int) -> Batches:
+def _latest_batches(batches: Batches, new: Sequence[_Batch], count: int) -> Batches:
     """Returns the latest `count` batches from each initial state."""
     return tuple((*old, batch)[-count:] for old, batch in zip(batches, new, strict=True))
 
 
-def combine_rollouts(batches: Sequence[Batch], observation: Observation) -> ImportanceSamples:
+def combine_rollouts(batches: Sequence[_Batch], observation: Observation) -> ImportanceSamples:
     """Returns the rollouts of several distributions as those of their mixture.
 
     Raises:
@@ -301,7 +296,7 @@ def combine_rollouts(batches: Sequence[Batch], observation: Observation) -> Impo
     )
 
 
-def guiding_distributions(
+def _guiding_distributions(
     work: Workspace, solutions: Sequence[OptimizationResult]
 ) -> list[TrajectoryDistribution]:
     """Returns q(ζ) of the solutions with the noise that guiding rollouts are drawn with.
@@ -322,7 +317,7 @@ def guiding_distributions(
     return guides
 
 
-def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k: int) -> Batch:
+def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k: int) -> _Batch:
     """Draws rollouts of π_G around a solution."""
     rng = generator(work.seed, Stream.GUIDING_ROLLOUTS, k, start)
     noise = sample_rollout_noise(q, count, rng)
@@ -332,10 +327,10 @@ def _guide(work: Workspace, q: TrajectoryDistribution, start: int, count: int, k
         return q.mean.controls[t] + deviations @ q.gains[t].T + noise[:, t]
 
     rollouts = work.roll_out(start, count, rng, law).sound()
-    return Batch(rollouts, q)
+    return _Batch(rollouts, q)
 
 
-def mean_rollout_cost(draws: Sequence[Rollouts]) -> float:
+def _mean_rollout_cost(draws: Sequence[Rollouts]) -> float:
     """Returns the mean of Σ_t c over rollouts; inf if one diverged."""
     costs = np.concatenate([rollouts.costs.sum(axis=1) for rollouts in draws])
     return float(costs.mean()) if np.isfinite(costs).all() else float("inf")

@@ -4,7 +4,7 @@
 It alternates, for each situation, between a step of its linear-Gaussian policy q(u|x), which starts
 from rollouts, and the supervised fit that all methods share:
 
-    q ← argmin E_q[c]  subject to  KL(q ‖ π_θ) ≤ ε        `core.bounded_step`
+    q ← argmin E_q[c]  subject to  KL(q ‖ π_θ) ≤ ε        `bounded_step`
     θ ← argmax L(q, θ)                                    `core.policy_fit`
 
 π_θ is linearised around the rollouts, averaged over them. With an exact fit both steps together
@@ -15,7 +15,7 @@ before, the way of Levine and Abbeel (NIPS 2014):
     q ← argmin α_k E_q[c] + KL(q ‖ π_θ)  subject to  KL(q ‖ q before) ≤ ε.
 
 The linear dynamics around the mean of the rollouts are the simulator's derivatives, or fitted to
-the rollouts (`core.fitted_dynamics`). In the latter case there is no DDP, and only rollouts touch
+the rollouts (`fitted_dynamics`). In the latter case there is no DDP, and only rollouts touch
 the simulator: line 1 begins with the task's first motion and noise, and lowers E_q[c] near the q
 before.
 
@@ -87,27 +87,20 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Mirrored(Update):
+class MdgpsUpdate(Update):
     """The result of one iteration, with the progress of each situation."""
 
     progress: tuple[Progress, ...]
 
 
 @dataclass(frozen=True)
-class LinearModel:
-    """What is known of the dynamics around rollouts.
+class _LinearModel:
+    """What is known of the dynamics around rollouts."""
 
-    Attributes:
-        mean: x̄, ū, the mean of the rollouts.
-        deviations: δx of states over which π_θ is averaged, shape (N, T, n_dx).
-        linear: f_x, f_u.
-        spread: of x_1 and of the dynamics' noise.
-    """
-
-    mean: Trajectory
-    deviations: Array
-    linear: LinearDynamics
-    spread: Spread
+    mean: Trajectory  # x̄, ū, the mean of the rollouts
+    deviations: Array  # δx of states over which π_θ is averaged, shape (N, T, n_dx)
+    linear: LinearDynamics  # f_x, f_u
+    spread: Spread  # of x_1 and of the dynamics' noise
 
 
 def begin(work: Workspace) -> tuple[OptimizationResult, ...]:
@@ -126,13 +119,13 @@ def begin(work: Workspace) -> tuple[OptimizationResult, ...]:
     return tuple(found)
 
 
-def mdgps(work: Workspace, last: Mirrored | None, k: int) -> Mirrored:
+def mdgps(work: Workspace, last: MdgpsUpdate | None, k: int) -> MdgpsUpdate:
     """Does iteration k."""
     settings = work.settings.mirror
     if last is None:
         first = work.initial_solutions
         none = tuple(Progress(settings.kl_bound) for _ in first)
-        return Mirrored(work.supervised_policy(), first, none)
+        return MdgpsUpdate(work.supervised_policy(), first, none)
     found = [
         _advance(work, here, solution, progress, last.policy, (k, i))
         for i, (here, solution, progress) in enumerate(
@@ -142,7 +135,7 @@ def mdgps(work: Workspace, last: Mirrored | None, k: int) -> Mirrored:
     solutions, progress = zip(*found, strict=True)
     # With a model there is one rollout without noise, so that the fit draws its own.
     drawn = None if settings.dynamics == "model" else [each.recent[-1] for each in progress]
-    return Mirrored(work.fit(last.policy, solutions, k, drawn=drawn), solutions, progress)
+    return MdgpsUpdate(work.fit(last.policy, solutions, k, drawn=drawn), solutions, progress)
 
 
 def _first_motion(work: Workspace, here: Task, i: int) -> Trajectory:
@@ -274,12 +267,8 @@ def _linear_model(
     recent: tuple[Rollouts, ...],
     place: tuple[int, ...],
     q: TrajectoryDistribution | None = None,
-) -> LinearModel:
-    """Returns the linear dynamics around the latest rollouts.
-
-    Raises:
-        DivergenceError: too few rollouts are left, or a derivative is not finite.
-    """
+) -> _LinearModel:
+    """Returns the linear dynamics around the latest rollouts."""
     space, now = here.dynamics.space, recent[-1]
     rng = generator(work.seed, Stream.DYNAMICS_DERIVATIVES, *place)
     if len(now.states) < (1 if q and work.settings.mirror.dynamics == "model" else 2):
@@ -309,13 +298,13 @@ def _linear_model(
         noise = np.hypot(spread.dynamics_std, np.concatenate([std, std[-1:]]))
         spread = replace(spread, dynamics_std=noise)
         deviations = space.subtract(now.states, mean.states[:-1])
-    return LinearModel(mean, deviations, linear, spread)
+    return _LinearModel(mean, deviations, linear, spread)
 
 
 def _problem(
     work: Workspace,
     here: Task,
-    model: LinearModel,
+    model: _LinearModel,
     policy: GaussianPolicy | None,
     q: TrajectoryDistribution,
     k: int,
@@ -340,7 +329,7 @@ def _problem(
 
 
 def _solution(
-    here: Task, situation: Situation, model: LinearModel, step: BoundedStep
+    here: Task, situation: Situation, model: _LinearModel, step: BoundedStep
 ) -> OptimizationResult:
     """Returns q(ζ) of a step, centred on the motion that the linear model expects of it.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.tasks.builder import load_task
-from vgps_ros.tasks.first_motion import Made, Recorded
+from vgps_ros.tasks.first_motion import FunctionMotion, TrackedMotion
 from vgps_ros.tasks.task import Task
 from vgps_ros.tasks.walker.simbicon import GAIT, Simbicon, go_on, standing
 
@@ -18,7 +18,7 @@ WARM_UP = 1000  # steps after which the gait is steady
 def task() -> Task:
     """Returns the walker's task."""
     first = demonstration()
-    begin = Recorded(first, Made(lambda _, start, steps: walking_from(start, steps)))
+    begin = TrackedMotion(first, FunctionMotion(lambda _, start, steps: walking_from(start, steps)))
     return replace(plain_task(), begin=begin, initial_state=first.states[0])
 
 

@@ -61,7 +61,7 @@ function interact(robot, view, hand) {
   const show = (tag, text = "") => Object.assign(document.createElement(tag), {textContent: text});
   const state = {paused: false, pace: 1, rate: 1};
 
-  // What is told, and what is done, row by row.
+  // Each command beside what the robot does.
   const rows = (about.commands.length ? about.commands : about.speeds).map((command, i) => {
     const row = show("tr"), name = show("td", `${command.name} `), cells = [show("td"), show("td")];
     const keys = (about.commands.length ? KEYS[i] ?? [] : []).filter(k => k.startsWith("Key"));
@@ -73,7 +73,7 @@ function interact(robot, view, hand) {
     return {command, cells};
   });
   document.querySelector("table").hidden = !rows.length;
-  $("told").hidden = !about.commands.length;
+  $("commanded").hidden = !about.commands.length;
 
   const drive = $("drive"), draws = [];
   if (about.commands.length) {
@@ -143,9 +143,9 @@ function interact(robot, view, hand) {
   }
 
   function report() {
-    rows.forEach(({command: {unit, axis}, cells: [told, done]}, i) => {
-      told.textContent = robot.commands[i]?.toFixed(2);
-      done.textContent = axis === null ? unit : `${robot.done[axis].toFixed(2)} ${unit}`;
+    rows.forEach(({command: {unit, axis}, cells: [commanded, actual]}, i) => {
+      commanded.textContent = robot.commands[i]?.toFixed(2);
+      actual.textContent = axis === null ? unit : `${robot.done[axis].toFixed(2)} ${unit}`;
     });
     const status = robot.fallen ? "fallen: it stands up again soon" : `${robot.time.toFixed(1)} s · `
       + (state.paused ? "paused" : `${state.rate.toFixed(2)} × real time`);

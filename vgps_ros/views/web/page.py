@@ -109,7 +109,7 @@ def _page_values(task: Task, exported: ExportedPolicy) -> dict[str, Any]:
         "fallen": _falls(task.fallen),
         "history": past.history if past else 0,
         "first_action": (past.resting - origin).tolist() if past and acts else [],
-        "told": list(task.observation.columns),
+        "context": list(task.observation.columns),
         "frequency": signals.frequency,
         "unrest": _unrest(task.unrest),
         "commands": [_command(command) for command in signals.commands],
@@ -145,11 +145,7 @@ def _falls(conditions: Conditions) -> dict[str, Any]:
 
 
 def _reads(readings: StateReadings) -> dict[str, Any]:
-    """Returns how the page computes readings.
-
-    Raises:
-        InvalidInputError: they are no numbers of MuJoCo.
-    """
+    """Returns how the page computes readings."""
     if not isinstance(readings, Readings):
         raise InvalidInputError(
             f"The page cannot compute {', '.join(readings.names[:3])}, which are no readings of "

@@ -66,7 +66,7 @@ class Robot {
     const turned = 2 * Math.PI * (about.frequency * about.period * this.step % 1), turns = this.turns();
     const context = [...this.commands, turns ? Math.sin(turned) : 0, turns ? Math.cos(turned) : 0];
     const seen = [now, ...this.frames, this.action.slice(0, about.first_action.length),
-                  about.told.map(i => context[i])].flat();
+                  about.context.map(i => context[i])].flat();
     this.frames = [now, ...this.frames].slice(0, about.history);
     return seen;
   }

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vgps_ros.core.records import Array, Trajectory
 from vgps_ros.robot.signals import Command
-from vgps_ros.search.judgement import SETTLING, Achieved, settled_steps
+from vgps_ros.search.judgement import SETTLING, CommandReadings, settled_steps
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.course import asked_path
 
@@ -17,7 +17,7 @@ _PLANAR = ("cmd_vel/linear/x", "cmd_vel/linear/y", "cmd_vel/angular/z")
 
 
 @dataclass(frozen=True)
-class Driven:
+class CommandedMotion:
     """A motion of T steps that was commanded, of n_a commands that the cost follows.
 
     Attributes:
@@ -44,7 +44,7 @@ class Driven:
     driven_path: Array | None = None
 
     @classmethod
-    def of(cls, task: Task, motion: Trajectory, context: Array) -> "Driven | None":
+    def of(cls, task: Task, motion: Trajectory, context: Array) -> "CommandedMotion | None":
         """Returns what a motion did of what it was told, or None if no command is achieved.
 
         Args:
@@ -52,7 +52,7 @@ class Driven:
             motion: the states and controls.
             context: commands and clock in each step, shape (T, n_z).
         """
-        signals, achieved = task.signals, Achieved.of(task)
+        signals, achieved = task.signals, CommandReadings.of(task)
         if not achieved.commands:
             return None
         told = context[:, : len(signals.commands)]
