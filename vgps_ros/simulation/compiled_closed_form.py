@@ -37,10 +37,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vgps_ros.core.compilation import compiled_part
+from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import mujoco_functions as mj
-from vgps_ros.simulation.compiled_states import copy, put_state
+from vgps_ros.simulation.compiled_derivatives import integrate, step, turn
+from vgps_ros.simulation.compiled_states import NEVER, copy, push_at, put_state
 
 _FIRST_FRICTION = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
 _LAST_FRICTION = int(mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON)
@@ -52,6 +53,7 @@ _SPHERE, _CAPSULE = int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM
 _BOX, _MESH = int(mujoco.mjtGeom.mjGEOM_BOX), int(mujoco.mjtGeom.mjGEOM_MESH)
 # Numbers of a contact's record, by their order: doubles, and whole numbers of four bytes.
 _DISTANCE, _POSITION, _FRAME, _FRICTION, _MU, _GEOMS = 0, 1, 4, 14, 32, 141
+_NOTHING = np.int32(mujoco.mjtStage.mjSTAGE_NONE)  # no stage of a step is skipped
 _EPS = 1e-6  # of what actuators read; their forces are linear in it, or nearly
 _STRAIGHT = 1e-9  # of two capsules' angle, squared, below which they are parallel
 
@@ -172,6 +174,42 @@ def tangents(n: int, n_b: int, n_a: int, n_u: int) -> Tangents:
         *((n, n), (n, m), (n, m), (n, n), (n_u,), (n,), (2, n_a)),
     )
     return Tangents._make([*(np.zeros(shape) for shape in shapes), contact])
+
+
+@compile_at_first_call
+def differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
+    sim, mech, work, positions, first, states, controls, f_x, f_u, is_known
+):
+    """Writes f_x, f_u at N steps from the first on, by the chain rule over their simulator steps.
+
+    Columns of positions that are not among `positions` stay those of the identity. Writes into
+    `is_known`, shape (N,), which steps have derivatives in closed form; a step in which a push acts
+    has none. Returns the number of simulator steps.
+    """
+    n_v, n_u, n_x, n_dx = len(sim.qvel), len(sim.ctrl), states.shape[1], f_x.shape[1]
+    z, warm, after = np.empty(n_x + n_u), np.empty(n_v), np.empty(n_x)  # z = (x, u)
+    a, b = np.eye(n_dx), np.empty((n_dx, n_u))
+    steps = 0
+    for t in range(len(states)):
+        copy(states[t], z[:n_x])
+        copy(controls[t], z[n_x:])
+        warm[:] = 0.0
+        is_known[t] = not push_at(sim, first + t)
+        for substep in range(sim.substeps):
+            if not is_known[t]:
+                break
+            step(sim, z, warm, _NOTHING, after)
+            copy(sim.warmstart, warm)
+            steps += 1
+            is_known[t] = find_moves(sim, mech, z, after, work)
+            if is_known[t]:
+                put_moves(sim, mech, after, work, positions, a, b)
+                by_x, by_u = (a @ f_x[t], a @ f_u[t] + b) if substep else (a, b)
+                copy(by_x.ravel(), f_x[t].ravel())
+                copy(by_u.ravel(), f_u[t].ravel())
+                copy(after, z[:n_x])
+    push_at(sim, NEVER)
+    return steps
 
 
 # Numba takes a tenth of a second to compile each access to a matrix, so rows are read at once.
@@ -488,15 +526,6 @@ def _add_rates(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
         if kind == 3:
             for u in range(n_u):
                 sim.ctrl[u] = z[n_x + u]
-
-
-@compiled_part
-def integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Advances the state by the accelerations and forces that the simulation holds."""
-    if sim.structure.is_implicit:
-        mj.mj_implicit_skip(sim.model, sim.data, keeps_system)
-    else:
-        mj.mj_euler_skip(sim.model, sim.data, keeps_system)
 
 
 @compiled_part
@@ -1019,31 +1048,6 @@ def _solve_system(mech, rows):  # type: ignore[no-untyped-def]  # pragma: no cov
             i, size = mech.mass_columns[e], mech.system[e]
             for c in range(m):
                 rows[k, c] -= size * rows[i, c]
-
-
-@compiled_part
-def turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Turns derivatives of new velocities, (n_v, n), into those of the positions they lead to.
-
-    A quaternion q' = q exp(h ω') moves by δ = h J(h ω') δω', with the right Jacobian of SO(3),
-    J(θ) = 1 − c [θ]ₓ + s [θ]ₓ², c = (1 − cos|θ|)/|θ|², s = (|θ| − sin|θ|)/|θ|³.
-    """
-    h, n_q = sim.structure.time_step, len(sim.qpos)
-    for i in range(len(rows)):
-        for j in range(rows.shape[1]):
-            rows[i, j] *= h
-    for first in sim.structure.quaternions:
-        x, y, w = h * after[n_q + first], h * after[n_q + first + 1], h * after[n_q + first + 2]
-        angle = np.sqrt(x * x + y * y + w * w)
-        c, s = 0.5, 1.0 / 6.0
-        if angle > 1e-4:
-            c, s = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
-        for j in range(rows.shape[1]):
-            p, q, r = rows[first, j], rows[first + 1, j], rows[first + 2, j]
-            u, v, t = y * r - w * q, w * p - x * r, x * q - y * p  # θ × δ
-            rows[first, j] += s * (y * t - w * v) - c * u
-            rows[first + 1, j] += s * (w * u - x * t) - c * v
-            rows[first + 2, j] += s * (x * v - y * u) - c * t
 
 
 @compiled_part

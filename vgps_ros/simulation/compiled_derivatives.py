@@ -22,8 +22,8 @@ them next to the point, and the new velocity is linear in a, so that
 and new positions follow from new velocities. MuJoCo knows the derivatives of smooth forces by
 velocities; those of the constraints' forces are differences of the forces alone.
 
-Where a robot's forces have derivatives by positions in closed form, too, as those of most legged
-robots do, a step needs none of this: see `compiled_closed_form`.
+Where all forces of a robot have derivatives by positions in closed form, too, as those of most
+legged robots do, `compiled_closed_form` needs no differences at all.
 
 Where a contact is about to open, close or slip, r has a kink at a_0 itself. The columns of ∂r/∂a
 are then those of different contacts, and their inverse means nothing; since ∂r/∂a is symmetric away
@@ -39,12 +39,6 @@ from numpy.typing import NDArray
 from vgps_ros.core.compilation import compile_at_first_call, compiled_part
 from vgps_ros.core.records import Array
 from vgps_ros.simulation import mujoco_functions as mj
-from vgps_ros.simulation.compiled_closed_form import (
-    find_moves,
-    integrate,
-    put_moves,
-    turn,
-)
 from vgps_ros.simulation.compiled_states import (
     NEVER,
     copy,
@@ -94,9 +88,7 @@ class Balance(NamedTuple):
 
 
 @compile_at_first_call
-def differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
-    sim, mechanism, work, columns, eps, kink, first, states, controls, f_x, f_u
-):
+def differentiate(sim, columns, eps, kink, first, states, controls, f_x, f_u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes f_x, f_u at N steps from the first on, by the chain rule over their simulator steps.
 
     Takes differences of width eps along the `columns` of (δx, u), of which positions alone are left
@@ -123,18 +115,14 @@ def differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
         warm[:] = 0.0
         push_acts = push_at(sim, first + t)
         for substep in range(sim.substeps):
-            _step(sim, z, warm, _NOTHING, after)
+            step(sim, z, warm, _NOTHING, after)
             copy(sim.warmstart, warm)  # the constraint forces at the neighbours are close to these
-            known = 0  # columns at the front that need no differences of steps
-            may_predict = sim.structure.may_predict and not push_acts  # no balance has a push
-            if may_predict and mechanism.is_known and find_moves(sim, mechanism, z, after, work):
-                put_moves(sim, mechanism, after, work, columns[n_dx + n_u - n_v :], a, b)
-                known = len(columns)
-            elif may_predict:
+            if sim.structure.may_predict and not push_acts:
                 _find_balance(sim, balance)
-            else:
+            else:  # the balance of forces above has no push
                 balance.is_smooth[0] = False
-            if known == 0 and sim.structure.knows_velocities and balance.is_smooth[0]:
+            known = 0  # columns at the front that need no differences of steps
+            if sim.structure.knows_velocities and balance.is_smooth[0]:
                 known = n_dx + n_u - n_v
                 _differentiate_forces(sim, balance, z, after, rates, moves, a, b)
                 _put_rates(sim, after, rates @ (balance.inverse_hessian @ moves), a, b)
@@ -172,7 +160,7 @@ def differentiate(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled_part
-def _step(sim, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
+def step(sim, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Steps from z = (x, u); the results of skipped stages must be valid for z."""
     put_state(sim, z)
     copy(z[len(after) :], sim.ctrl)
@@ -185,10 +173,10 @@ def _step(sim, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma:
 def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Does the same next to a point whose balance is known."""
     if not sim.structure.may_skip:
-        _step(sim, z, warm, _NOTHING, after)
+        step(sim, z, warm, _NOTHING, after)
         return
     if not balance.is_smooth[0]:
-        _step(sim, z, warm, skip, after)
+        step(sim, z, warm, skip, after)
         return
     put_state(sim, z)
     copy(z[len(after) :], sim.ctrl)
@@ -214,6 +202,15 @@ def _step_near(sim, balance, z, warm, skip, after):  # type: ignore[no-untyped-d
         sim.qfrc_constraint[i] = residual[i] - sim.qfrc_smooth[i] - balance.residual[i]
     integrate(sim, np.int32(skip >= _OF_POSITIONS))
     get_state(sim, after)
+
+
+@compiled_part
+def integrate(sim, keeps_system):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Advances the state by the accelerations and forces that the simulation holds."""
+    if sim.structure.is_implicit:
+        mj.mj_implicit_skip(sim.model, sim.data, keeps_system)
+    else:
+        mj.mj_euler_skip(sim.model, sim.data, keeps_system)
 
 
 @compiled_part
@@ -322,6 +319,31 @@ def _put_rates(sim, after, moves, a, b):  # type: ignore[no-untyped-def]  # prag
                 a[first + i, n_v + j] = moves[i, j]
             for j in range(n_u):
                 b[first + i, j] = moves[i, n_v + n_a + j]
+
+
+@compiled_part
+def turn(sim, after, rows):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Turns derivatives of new velocities, (n_v, n), into those of the positions they lead to.
+
+    A quaternion q' = q exp(h ω') moves by δ = h J(h ω') δω', with the right Jacobian of SO(3),
+    J(θ) = 1 − c [θ]ₓ + s [θ]ₓ², c = (1 − cos|θ|)/|θ|², s = (|θ| − sin|θ|)/|θ|³.
+    """
+    h, n_q = sim.structure.time_step, len(sim.qpos)
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            rows[i, j] *= h
+    for first in sim.structure.quaternions:
+        x, y, w = h * after[n_q + first], h * after[n_q + first + 1], h * after[n_q + first + 2]
+        angle = np.sqrt(x * x + y * y + w * w)
+        c, s = 0.5, 1.0 / 6.0
+        if angle > 1e-4:
+            c, s = (1.0 - np.cos(angle)) / angle**2, (angle - np.sin(angle)) / angle**3
+        for j in range(rows.shape[1]):
+            p, q, r = rows[first, j], rows[first + 1, j], rows[first + 2, j]
+            u, v, t = y * r - w * q, w * p - x * r, x * q - y * p  # θ × δ
+            rows[first, j] += s * (y * t - w * v) - c * u
+            rows[first + 1, j] += s * (w * u - x * t) - c * v
+            rows[first + 2, j] += s * (x * v - y * u) - c * t
 
 
 @compiled_part

@@ -179,10 +179,7 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
         bool(may_know and _is_known(model)),
         bool(is_implicit or (damps and model.dof_damping.any())),
         bool(mujoco.mj_isSparse(model)),
-        Tree(
-            *(parent, base, end, *bodies),
-            *(data.subtree_com, data.cdof, data.cinert, data.crb),
-        ),
+        Tree(*(parent, base, end, *bodies), *(data.subtree_com, data.cdof, data.cinert, data.crb)),
         Touch(
             *(model.geom_type, model.geom_bodyid, model.geom_size),
             *(data.geom_xpos, data.geom_xmat),

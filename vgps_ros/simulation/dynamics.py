@@ -27,8 +27,8 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
 from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.robot.unrest import Unrest
-from vgps_ros.simulation import compiled_derivatives, compiled_loops
-from vgps_ros.simulation.compiled_closed_form import Tangents, tangents
+from vgps_ros.simulation import compiled_closed_form, compiled_derivatives, compiled_loops
+from vgps_ros.simulation.compiled_closed_form import tangents
 from vgps_ros.simulation.compiled_mechanism import mechanism_of
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
 from vgps_ros.simulation.controls import controls_of
@@ -97,7 +97,7 @@ class Simulations:
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:
             self._idle.put(_compiled_simulation(model, data, substeps, push))
-        self.mechanisms = {d._address: mechanism_of(model, d) for d in self._data}
+        self.mechanisms = {data._address: mechanism_of(model, data) for data in self._data}
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
 
     def warnings(self) -> Counter[str]:
@@ -205,6 +205,7 @@ class Dynamics:
         # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
         self._kink = KINK * self.eps if damping_varies(self.model) else 0.0
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
+        self._positions = positions
 
     @property
     def state_dim(self) -> int:
@@ -420,28 +421,37 @@ class Dynamics:
         )
         return states, controls
 
-    def _memory(self) -> Tangents:
-        """Returns memory for derivatives in closed form."""
-        model = self.model
-        return tangents(model.nv, model.nbody, model.na, model.nu)
-
     def linearize(
         self, trajectory: Trajectory, *, centred: bool = False
     ) -> tuple[LinearDynamics, int]:
         """Returns f_x, f_u along a trajectory, and their simulator steps.
 
-        What has no closed form is a finite difference. All of them are centred if that is asked
-        for; otherwise few are, where it matters.
+        Steps without a closed form take finite differences, of which few are centred, where it
+        matters. All steps take differences, all of them centred, if that is asked for.
         """
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
-        steps = self.simulations.in_threads(
-            horizon,
-            lambda sim, part: compiled_derivatives.differentiate(
-                *(sim, self.simulations.mechanisms[sim.data], self._memory()),
-                *(self._columns, self.eps, np.inf if centred else self._kink),
-                *(part.start, states[part], controls[part], f_x[part], f_u[part]),
-            ),
-        )
-        return LinearDynamics(f_x, f_u), sum(steps)
+        model, mechanisms = self.model, self.simulations.mechanisms
+        kink = np.inf if centred else self._kink
+
+        def differentiate(sim: CompiledSimulation, part: slice) -> int:
+            """Writes the derivatives of some steps, and returns their simulator steps."""
+            is_known, steps = np.zeros(part.stop - part.start, bool), 0
+            if mechanisms[sim.data].is_known and not centred:
+                work = tangents(model.nv, model.nbody, model.na, model.nu)
+                steps = compiled_closed_form.differentiate(
+                    *(sim, mechanisms[sim.data], work, self._positions),
+                    *(part.start, states[part], controls[part], f_x[part], f_u[part], is_known),
+                )
+            others = part.start + np.flatnonzero(~is_known)
+            for run in np.split(others, np.flatnonzero(np.diff(others) > 1) + 1):
+                if run.size:
+                    these = slice(run[0], run[-1] + 1)
+                    steps += compiled_derivatives.differentiate(
+                        *(sim, self._columns, self.eps, kink, these.start),
+                        *(states[these], controls[these], f_x[these], f_u[these]),
+                    )
+            return steps
+
+        return LinearDynamics(f_x, f_u), sum(self.simulations.in_threads(horizon, differentiate))
