@@ -528,64 +528,131 @@ def _add_rates(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
                 sim.ctrl[u] = z[n_x + u]
 
 
+class Rows(NamedTuple):
+    """The constraints of a step: their number, and where MuJoCo keeps their numbers.
+
+    Attributes:
+        count: rows of all constraints.
+        contacts: address of the contacts' records.
+        size: of such a record [B].
+        kind: address of the rows' kinds; the others are those of the fields of this name.
+    """
+
+    count: int
+    contacts: int
+    size: int
+    kind: int
+    id: int
+    length: int
+    start: int
+    column: int
+    jacobian: int
+    pos: int
+    margin: int
+    weight: int
+    kbip: int
+    reference: int
+    loss: int
+    force: int
+
+
+@compiled_part
+def _find_rows(touch, data):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns the constraints of a step."""
+    p = touch.places
+    contacts = mj.address_at(data + touch.contact_places[0], 0)
+    count = np.int64(mj.int32_at(data + touch.contact_places[1], 0))
+    size = touch.contact_places[2]
+    kind, name = mj.address_at(data + p[0], 0), mj.address_at(data + p[1], 0)
+    length, start = mj.address_at(data + p[2], 0), mj.address_at(data + p[3], 0)
+    column, jacobian = mj.address_at(data + p[4], 0), mj.address_at(data + p[5], 0)
+    pos, margin = mj.address_at(data + p[6], 0), mj.address_at(data + p[7], 0)
+    weight, kbip = mj.address_at(data + p[8], 0), mj.address_at(data + p[9], 0)
+    reference, loss = mj.address_at(data + p[10], 0), mj.address_at(data + p[11], 0)
+    force = mj.address_at(data + p[12], 0)
+    places = kind, name, length, start, column, jacobian, pos, margin, weight, kbip
+    return Rows(count, contacts, size, *places, reference, loss, force)
+
+
 @compiled_part
 def _add_constraints(mech, data, work):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Adds constraints to H, to −∂r and to the forces on bodies; returns whether all are known."""
-    touch, places = mech.touch, mech.touch.places
-    hessian, moves = work.hessian, work.moves
-    n = len(hessian)
-    count = mj.int32_at(data + touch.contact_places[1], 0)
-    if count == 0:
-        return True
-    kinds = mj.address_at(data + places[0], 0)
-    row_lengths = mj.address_at(data + places[2], 0)
-    row_starts = mj.address_at(data + places[3], 0)
-    columns = mj.address_at(data + places[4], 0)
-    jacobian = mj.address_at(data + places[5], 0)
-    pos = mj.address_at(data + places[6], 0)
-    margin = mj.address_at(data + places[7], 0)
-    weights = mj.address_at(data + places[8], 0)
-    kbip = mj.address_at(data + places[9], 0)
-    losses = mj.address_at(data + places[11], 0)
-    forces = mj.address_at(data + places[12], 0)
-    e = 0
-    while e < count:
-        if mj.int32_at(kinds, e) >= _FIRST_CONTACT:
-            rows = _add_contact(
-                *(mech.tree, touch, data, e, count, work.contact, work.plain, work.velocity),
-                *(work.force, moves, hessian),
-            )
-            if rows == 0:
-                return False
-            e += rows
+    rows = _find_rows(mech.touch, data)
+    e = np.int64(0)
+    while e < rows.count:
+        if mj.int32_at(rows.kind, e) < _FIRST_CONTACT:
+            _add_row(rows, e, mech.is_sparse, work.hessian, work.moves)
+            e += 1
             continue
-        size = mj.int32_at(row_lengths, e) if mech.is_sparse else n
-        start = mj.int32_at(row_starts, e) if mech.is_sparse else e * n
-        f, kind = mj.double_at(forces, e), mj.int32_at(kinds, e)
-        acts = f != 0.0
-        if _FIRST_FRICTION <= kind <= _LAST_FRICTION:
-            acts = abs(f) < mj.double_at(losses, e)
-        d = mj.double_at(weights, e) if acts or kind < _FIRST_FRICTION else 0.0
-        k, damping = mj.double_at(kbip, 4 * e), mj.double_at(kbip, 4 * e + 1)
-        i, p = mj.double_at(kbip, 4 * e + 2), mj.double_at(kbip, 4 * e + 3)
-        pull = k * (i + p * (mj.double_at(pos, e) - mj.double_at(margin, e)))
-        by_position = f * p / (i * (1.0 - i)) - d * pull
-        if d != 0.0 or by_position != 0.0:
-            for one in range(size):
-                left = mj.double_at(jacobian, start + one)
-                if left == 0.0:
-                    continue
-                row = mj.int32_at(columns, start + one) if mech.is_sparse else one
-                for other in range(size):
-                    product = left * mj.double_at(jacobian, start + other)
-                    if product == 0.0:
-                        continue
-                    column = mj.int32_at(columns, start + other) if mech.is_sparse else other
-                    hessian[row, column] += product * d
-                    moves[row, column] += product * by_position
-                    moves[row, n + column] -= product * d * damping
-        e += 1
+        count, acts = _count_rows(rows, e)
+        if acts:
+            own, motions = work.contact, (work.plain, work.velocity)
+            if not _add_contact(
+                mech.tree,
+                mech.touch,
+                rows,
+                e,
+                count,
+                own,
+                motions,
+                work.force,
+                work.moves,
+                work.hessian,
+            ):
+                return False
+        e += count
     return True
+
+
+@compiled_part
+def _add_row(rows, e, is_sparse, hessian, moves):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Adds a constraint of joints, whose Jacobian does not vary."""
+    n = len(hessian)
+    size = mj.int32_at(rows.length, e) if is_sparse else n
+    start = mj.int32_at(rows.start, e) if is_sparse else e * n
+    f, kind = mj.double_at(rows.force, e), mj.int32_at(rows.kind, e)
+    acts = f != 0.0
+    if _FIRST_FRICTION <= kind <= _LAST_FRICTION:
+        acts = abs(f) < mj.double_at(rows.loss, e)
+    d = mj.double_at(rows.weight, e) if acts or kind < _FIRST_FRICTION else 0.0
+    damping = mj.double_at(rows.kbip, 4 * e + 1)
+    pull, harder = _pull(rows, e)
+    by_position = f * harder - d * pull
+    if d == 0.0 and by_position == 0.0:
+        return
+    for one in range(size):
+        left = mj.double_at(rows.jacobian, start + one)
+        if left == 0.0:
+            continue
+        row = mj.int32_at(rows.column, start + one) if is_sparse else one
+        for other in range(size):
+            product = left * mj.double_at(rows.jacobian, start + other)
+            if product == 0.0:
+                continue
+            column = mj.int32_at(rows.column, start + other) if is_sparse else other
+            hessian[row, column] += product * d
+            moves[row, column] += product * by_position
+            moves[row, n + column] -= product * d * damping
+
+
+@compiled_part
+def _pull(rows, e):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns how −a_ref of a row, and relatively its weight D, change by its distance."""
+    k, i = mj.double_at(rows.kbip, 4 * e), mj.double_at(rows.kbip, 4 * e + 2)
+    p = mj.double_at(rows.kbip, 4 * e + 3)
+    gap = mj.double_at(rows.pos, e) - mj.double_at(rows.margin, e)
+    return k * (i + p * gap), p / (i * (1.0 - i))
+
+
+@compiled_part
+def _count_rows(rows, first):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Returns how many rows a contact has from its first row on, and whether one has a force."""
+    kind, name = mj.int32_at(rows.kind, first), mj.int32_at(rows.id, first)
+    e, acts = first, False
+    while e < rows.count and mj.int32_at(rows.kind, e) == kind and mj.int32_at(rows.id, e) == name:
+        acts |= mj.double_at(rows.force, e) != 0.0
+        e += 1
+    return e - first, acts
 
 
 @compiled_part
@@ -602,51 +669,65 @@ def _put_in_frame(axis, origin, a, i, out, k):  # type: ignore[no-untyped-def]  
 
 @compiled_part
 def _add_contact(  # type: ignore[no-untyped-def]  # pragma: no cover
-    tree, touch, data, first, count, work, plain, velocity, forces_of_bodies, moves, hessian
+    tree, touch, rows, first, count, work, motions, forces_of_bodies, moves, hessian
 ):
-    """Adds a contact, whose first row is given; returns how many it has, 0 if it is not known."""
-    places, n = touch.places, len(hessian)
-    kinds = mj.address_at(data + places[0], 0)
-    names = mj.address_at(data + places[1], 0)
-    pos = mj.address_at(data + places[6], 0)
-    margin = mj.address_at(data + places[7], 0)
-    weights = mj.address_at(data + places[8], 0)
-    kbip = mj.address_at(data + places[9], 0)
-    reference = mj.address_at(data + places[10], 0)
-    forces = mj.address_at(data + places[12], 0)
-    kind, name = mj.int32_at(kinds, first), mj.int32_at(names, first)
-    rows = 1
-    while (
-        first + rows < count
-        and mj.int32_at(kinds, first + rows) == kind
-        and mj.int32_at(names, first + rows) == name
-    ):
-        rows += 1
-    acts = False
-    for e in range(first, first + rows):
-        acts |= mj.double_at(forces, e) != 0.0
-    if not acts:
-        return rows
-    dim = rows // 2 + 1 if kind == _PYRAMIDAL else rows
-    contacts = mj.address_at(data + touch.contact_places[0], 0)
-    contact = contacts + touch.contact_places[2] * name
+    """Adds a contact, whose first row is given; returns whether it is known."""
+    contact = rows.contacts + rows.size * mj.int32_at(rows.id, first)
     g1, g2 = mj.int32_at(contact, _GEOMS), mj.int32_at(contact, _GEOMS + 1)
     if g1 < 0 or g2 < 0:
-        return 0
+        return False
     b1, b2 = touch.geom_body[g1], touch.geom_body[g2]
-    axis, spot, point = work.axis, work.spot, work.point
+    axis, point, com = work.axis, work.point, tree.subtree_com
     for m in range(3):
         point[m] = mj.double_at(contact, _POSITION + m)
         for k in range(3):
             axis[m, k] = mj.double_at(contact, _FRAME + 3 * m + k)
-
-    # Degrees of freedom that move it, the last one first.
-    size, i, j = 0, np.int64(tree.body_end[b2]), np.int64(tree.body_end[b1])
     r1, r2 = tree.body_root[b1], tree.body_root[b2]
-    com = tree.subtree_com
     o1 = point[0] - com[r1, 0], point[1] - com[r1, 1], point[2] - com[r1, 2]
     o2 = point[0] - com[r2, 0], point[1] - com[r2, 1], point[2] - com[r2, 2]
-    chain, one, two, both = work.chain, work.first, work.second, work.relative
+    size = _find_chain(tree, work, o1, o2, b1, b2)
+    if not _describe_motion(touch, work, contact, g1, g2, size):
+        return False
+
+    # Motions at the contact: J a and J v of each body, and their difference, at rows 0 to 5.
+    plain, velocity = motions
+    small = work.small
+    e1, e2 = tree.body_end[b1], tree.body_end[b2]
+    _put_in_frame(axis, o2, plain, e2, small, 0)
+    _put_in_frame(axis, o1, plain, e1, small, 1)
+    _put_in_frame(axis, o2, velocity, e2, small, 2)
+    _put_in_frame(axis, o1, velocity, e1, small, 3)
+    for k in range(6):
+        small[4, k] = small[0, k] - small[1, k]
+        small[5, k] = small[2, k] - small[3, k]
+
+    dim = _find_law(rows, first, count, contact, work)
+    wrench, force = work.wrench, work.force_of_contact
+    for k in range(3):
+        wrench[0, k] = force[3 + k]
+        wrench[0, 3 + k] = force[k]
+    for c in range(size):
+        base = np.int64(tree.base[work.chain[c]])
+        _change_motion(work, o1, o2, plain, 0, base, c)
+        _change_motion(work, o1, o2, velocity, 1, base, c)
+        _add_column(work, dim, size, c, moves, hessian)
+    n = len(hessian)
+    if e2 < n:
+        _put_wrench(wrench, axis, o2, -1.0, forces_of_bodies, b2)
+    if e1 < n:
+        _put_wrench(wrench, axis, o1, 1.0, forces_of_bodies, b1)
+    return True
+
+
+@compiled_part
+def _find_chain(tree, work, o1, o2, b1, b2):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes the degrees of freedom that move a contact, the last one first, and their twists.
+
+    Returns how many they are.
+    """
+    n = len(tree.parent)
+    axis, chain, one, two, both = work.axis, work.chain, work.first, work.second, work.relative
+    size, i, j = 0, np.int64(tree.body_end[b2]), np.int64(tree.body_end[b1])
     while i < n or j < n:
         last = i if j == n else j if i == n else max(i, j)
         chain[size] = last
@@ -661,162 +742,162 @@ def _add_contact(  # type: ignore[no-untyped-def]  # pragma: no cover
         for k in range(6):
             both[size, k] = two[size, k] - one[size, k]
         size += 1
-    if not _describe_motion(touch, work, contact, g1, g2, size):
-        return 0
+    return size
 
-    # Motions at the contact: J a and J v of each body, and their difference, at rows 0 to 5.
-    small = work.small
-    e1, e2 = tree.body_end[b1], tree.body_end[b2]
-    _put_in_frame(axis, o2, plain, e2, small, 0)
-    _put_in_frame(axis, o1, plain, e1, small, 1)
-    _put_in_frame(axis, o2, velocity, e2, small, 2)
-    _put_in_frame(axis, o1, velocity, e1, small, 3)
-    for k in range(6):
-        small[4, k] = small[0, k] - small[1, k]
-        small[5, k] = small[2, k] - small[3, k]
 
-    # Forces in the contact's axes, g, and how they follow relative motions.
-    basis, by_velocity, edges = work.basis, work.by_velocity, work.edges
+@compiled_part
+def _find_law(rows, first, count, contact, work):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Writes a contact's force along its axes, and how it follows relative motions and distance.
+
+    Returns the dimension of the force.
+    """
     force, by_distance = work.force_of_contact, work.by_distance
     for k in range(6):
         force[k] = by_distance[k] = 0.0
         for m in range(6):
-            basis[k, m] = by_velocity[k, m] = 0.0
-    i0, p0 = mj.double_at(kbip, 4 * first + 2), mj.double_at(kbip, 4 * first + 3)
-    is_cone, mu, t = False, mj.double_at(contact, _MU), 0.0
-    if kind == _ELLIPTIC:
-        for k in range(dim):
-            moved = small[4, 3 + k] if k < 3 else small[4, k - 3]
-            edges[0, k] = mu if k == 0 else mj.double_at(contact, _FRICTION + k - 1)
-            edges[1, k] = (moved - mj.double_at(reference, first + k)) * edges[0, k]
-            t += edges[1, k] * edges[1, k] if k else 0.0
-        t = np.sqrt(t)
-        is_cone = mu * edges[1, 0] + t > 0.0 and t > 0.0
-    if is_cone:
-        d = mj.double_at(weights, first)
-        d /= mu * mu * (1.0 + mu * mu)
-        for k in range(dim):
-            for m in range(dim):
-                if k == 0 or m == 0:
-                    c = 1.0 if k == m else -mu / t * edges[1, k + m]
-                else:
-                    c = mu * edges[1, 0] / (t * t * t) * edges[1, k] * edges[1, m]
-                    if k == m:
-                        c += mu * mu - mu * edges[1, 0] / t
-                basis[k, m] = c * d * edges[0, k] * edges[0, m]
-                by_velocity[k, m] = basis[k, m] * mj.double_at(kbip, 4 * (first + m) + 1)
-        gap = mj.double_at(pos, first) - mj.double_at(margin, first)
-        pull = mj.double_at(kbip, 4 * first) * (i0 + p0 * gap)
-        for k in range(dim):
-            force[k] = mj.double_at(forces, first + k)
-            by_distance[k] = -basis[k, 0] * pull
-    else:
-        for e in range(rows):
-            edge = first + e
-            for k in range(dim):
-                edges[e, k] = 0.0
-            if kind == _PYRAMIDAL:
-                k = e // 2
-                slip = mj.double_at(contact, _FRICTION + k)
-                edges[e, 0], edges[e, k + 1] = 1.0, -slip if e % 2 else slip
-            else:
-                edges[e, e] = 1.0
-            d = mj.double_at(weights, edge) if mj.double_at(forces, edge) != 0.0 else 0.0
-            if kind == _ELLIPTIC:
-                d = mj.double_at(weights, edge)
-            damping = mj.double_at(kbip, 4 * edge + 1)
-            gap = mj.double_at(pos, edge) - mj.double_at(margin, edge)
-            i1, p1 = mj.double_at(kbip, 4 * edge + 2), mj.double_at(kbip, 4 * edge + 3)
-            pull = mj.double_at(kbip, 4 * edge) * (i1 + p1 * gap)
-            f = mj.double_at(forces, edge)
-            for k in range(dim):
-                if edges[e, k] == 0.0:
-                    continue
-                force[k] += f * edges[e, k]
-                if kind == _PYRAMIDAL or e == 0:
-                    by_distance[k] -= d * pull * edges[e, k]
-                for m in range(dim):
-                    basis[k, m] += d * edges[e, k] * edges[e, m]
-                    by_velocity[k, m] += d * damping * edges[e, k] * edges[e, m]
-    harder = p0 / (i0 * (1.0 - i0))  # the relative change of D by the distance
+            work.basis[k, m] = work.by_velocity[k, m] = 0.0
+    is_pyramid = mj.int32_at(rows.kind, first) == _PYRAMIDAL
+    is_ellipse = mj.int32_at(rows.kind, first) == _ELLIPTIC
+    dim = count // 2 + 1 if is_pyramid else count
+    if not (is_ellipse and _follow_cone(rows, first, dim, contact, work)):
+        for e in range(count):
+            _follow_edge(rows, first, e, dim, is_pyramid, is_ellipse, contact, work)
+    _, harder = _pull(rows, first)
     for k in range(dim):
         by_distance[k] += harder * force[k]
+    return dim
 
-    # Columns: change, with this contact, of a and v relative at it; then of its wrench.
-    wrench, change, rates = work.wrench, work.change, work.rates
-    for k in range(3):
-        wrench[0, k] = force[3 + k]
-        wrench[0, 3 + k] = force[k]
-    for c in range(size):
-        j = chain[c]
+
+@compiled_part
+def _follow_cone(rows, first, dim, contact, work):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Does that where an elliptic cone bounds the force; returns whether one does."""
+    small, edges, basis = work.small, work.edges, work.basis
+    mu, t = mj.double_at(contact, _MU), 0.0
+    for k in range(dim):
+        moved = small[4, 3 + k] if k < 3 else small[4, k - 3]
+        edges[0, k] = mu if k == 0 else mj.double_at(contact, _FRICTION + k - 1)
+        edges[1, k] = (moved - mj.double_at(rows.reference, first + k)) * edges[0, k]
+        t += edges[1, k] * edges[1, k] if k else 0.0
+    t = np.sqrt(t)
+    if not (mu * edges[1, 0] + t > 0.0 and t > 0.0):
+        return False
+    d = mj.double_at(rows.weight, first) / (mu * mu * (1.0 + mu * mu))
+    pull, _ = _pull(rows, first)
+    for k in range(dim):
+        for m in range(dim):
+            if k == 0 or m == 0:
+                c = 1.0 if k == m else -mu / t * edges[1, k + m]
+            else:
+                c = mu * edges[1, 0] / (t * t * t) * edges[1, k] * edges[1, m]
+                if k == m:
+                    c += mu * mu - mu * edges[1, 0] / t
+            basis[k, m] = c * d * edges[0, k] * edges[0, m]
+            damping = mj.double_at(rows.kbip, 4 * (first + m) + 1)
+            work.by_velocity[k, m] = basis[k, m] * damping
+        work.force_of_contact[k] = mj.double_at(rows.force, first + k)
+        work.by_distance[k] = -basis[k, 0] * pull
+    return True
+
+
+@compiled_part
+def _follow_edge(  # type: ignore[no-untyped-def]  # pragma: no cover
+    rows, first, e, dim, is_pyramid, is_ellipse, contact, work
+):
+    """Does that for one edge of a pyramid, or one direction of a force that no cone bounds."""
+    edge, edges = first + e, work.edges
+    for k in range(dim):
+        edges[e, k] = 0.0
+    if is_pyramid:
+        k = e // 2
+        slip = mj.double_at(contact, _FRICTION + k)
+        edges[e, 0], edges[e, k + 1] = 1.0, -slip if e % 2 else slip
+    else:
+        edges[e, e] = 1.0
+    f = mj.double_at(rows.force, edge)
+    d = mj.double_at(rows.weight, edge) if f != 0.0 or is_ellipse else 0.0
+    damping = mj.double_at(rows.kbip, 4 * edge + 1)
+    pull, _ = _pull(rows, edge)
+    for k in range(dim):
+        if edges[e, k] == 0.0:
+            continue
+        work.force_of_contact[k] += f * edges[e, k]
+        if is_pyramid or e == 0:
+            work.by_distance[k] -= d * pull * edges[e, k]
+        for m in range(dim):
+            work.basis[k, m] += d * edges[e, k] * edges[e, m]
+            work.by_velocity[k, m] += d * damping * edges[e, k] * edges[e, m]
+
+
+@compiled_part
+def _change_motion(  # type: ignore[no-untyped-def]  # pragma: no cover
+    work, o1, o2, up, part, base, c
+):
+    """Writes how column c changes the relative a (part 0) or v (part 1) at the contact."""
+    change, small = work.change, work.small
+    for k in range(6):
+        change[part, k] = 0.0
+    for side in range(2):
+        twists = work.second if side == 0 else work.first
+        if _dot(twists, c, twists, c) == 0.0:
+            continue
+        _put_in_frame(work.axis, o2 if side == 0 else o1, up, base, small, 6)
         for k in range(6):
-            change[0, k] = change[1, k] = 0.0
-        base = np.int64(tree.base[j])
-        for part in range(2):  # a and v
-            up = plain if part == 0 else velocity
-            for side in range(2):
-                twists = two if side == 0 else one
-                if _dot(twists, c, twists, c) == 0.0:
-                    continue
-                _put_in_frame(axis, o2 if side == 0 else o1, up, base, small, 6)
-                for k in range(6):
-                    small[6, k] = small[2 * part + side, k] - small[6, k]
-                _cross(twists, c, small, 6, small, 7)
-                sign = 1.0 if side == 0 else -1.0
-                for k in range(6):
-                    change[part, k] += sign * small[7, k]
-            # the point moves by `spot`, the axes turn by `turn`
-            u, turn = small, work.turn
-            row = 4 + part
-            x, y, o = _row3(spot, c)
-            p, q, r = _row3(turn, c)
-            wx, wy, wz, vx, vy, vz = _row(u, row)
-            lx = wy * o - wz * y - (q * vz - r * vy)
-            ly = wz * x - wx * o - (r * vx - p * vz)
-            lz = wx * y - wy * x - (p * vy - q * vx)
-            ax, ay, az = q * wz - r * wy, r * wx - p * wz, p * wy - q * wx
-            _add(change, part, 1.0, -ax, -ay, -az, lx, ly, lz)
-        distance = work.spot[c, 3]
+            small[6, k] = small[2 * part + side, k] - small[6, k]
+        _cross(twists, c, small, 6, small, 7)
+        sign = 1.0 if side == 0 else -1.0
         for k in range(6):
-            rates[k] = 0.0
+            change[part, k] += sign * small[7, k]
+    # the point moves by `spot`, the axes turn by `turn`
+    x, y, o = _row3(work.spot, c)
+    p, q, r = _row3(work.turn, c)
+    wx, wy, wz, vx, vy, vz = _row(small, 4 + part)
+    lx = wy * o - wz * y - (q * vz - r * vy)
+    ly = wz * x - wx * o - (r * vx - p * vz)
+    lz = wx * y - wy * x - (p * vy - q * vx)
+    ax, ay, az = q * wz - r * wy, r * wx - p * wz, p * wy - q * wx
+    _add(change, part, 1.0, -ax, -ay, -az, lx, ly, lz)
+
+
+@compiled_part
+def _add_column(work, dim, size, c, moves, hessian):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Adds the column of a degree of freedom that moves the contact to H and to −∂r."""
+    basis, by_velocity, change, rates = work.basis, work.by_velocity, work.change, work.rates
+    wrench, small, both, chain = work.wrench, work.small, work.relative, work.chain
+    n, j = len(hessian), chain[c]
+    for k in range(6):
+        rates[k] = 0.0
+    for k in range(dim):
+        rates[k] = work.by_distance[k] * work.spot[c, 3]
+        for m in range(dim):
+            at = 3 + m if m < 3 else m - 3
+            rates[k] -= basis[k, m] * change[0, at] + by_velocity[k, m] * change[1, at]
+    # the wrench's change at a fixed point: R δg + Ω × F, and its torque with δp × F
+    p, q, r = _row3(work.turn, c)
+    x, y, o = _row3(work.spot, c)
+    tx, ty, tz, fx, fy, fz = _row(wrench, 0)
+    ax, ay, az = q * tz - r * ty + y * fz - o * fy, r * tx - p * tz + o * fx - x * fz, x * fy
+    az += p * ty - q * tx - y * fx
+    lx, ly, lz = q * fz - r * fy, r * fx - p * fz, p * fy - q * fx
+    _put(wrench, 1, ax, ay, az, lx, ly, lz)
+    for k in range(6):
+        wrench[1, k] += rates[k + 3 if k < 3 else k - 3]
+    for k in range(6):
+        wrench[2, k] = wrench[3, k] = wrench[1, k]
+    _add_cross_force(work.second, c, wrench, 0, -1.0, wrench, 2)
+    _add_cross_force(work.first, c, wrench, 0, -1.0, wrench, 3)
+    for k in range(dim):  # forces by J a, and by J v
+        rates[k] = small[6, k] = 0.0
+        for m in range(dim):
+            at = 3 + m if m < 3 else m - 3
+            rates[k] += basis[k, m] * both[c, at]
+            small[6, k] += by_velocity[k, m] * both[c, at]
+    for d in range(size):
+        i = chain[d]
+        moves[i, j] += _dot(work.second, d, wrench, 2) - _dot(work.first, d, wrench, 3)
         for k in range(dim):
-            rates[k] = by_distance[k] * distance
-            for m in range(dim):
-                at = 3 + m if m < 3 else m - 3
-                rates[k] -= basis[k, m] * change[0, at] + by_velocity[k, m] * change[1, at]
-        # the wrench's change at a fixed point: R δg + Ω × F, and its torque with δp × F
-        p, q, r = _row3(work.turn, c)
-        x, y, o = _row3(spot, c)
-        tx, ty, tz, fx, fy, fz = _row(wrench, 0)
-        ax, ay, az = q * tz - r * ty + y * fz - o * fy, r * tx - p * tz + o * fx - x * fz, x * fy
-        az += p * ty - q * tx - y * fx
-        lx, ly, lz = q * fz - r * fy, r * fx - p * fz, p * fy - q * fx
-        _put(wrench, 1, ax, ay, az, lx, ly, lz)
-        for k in range(6):
-            wrench[1, k] += rates[k + 3 if k < 3 else k - 3]
-        for k in range(6):
-            wrench[2, k] = wrench[3, k] = wrench[1, k]
-        _add_cross_force(two, c, wrench, 0, -1.0, wrench, 2)
-        _add_cross_force(one, c, wrench, 0, -1.0, wrench, 3)
-        for k in range(dim):  # forces by J a, and by J v
-            rates[k] = 0.0
-            small[6, k] = 0.0
-            for m in range(dim):
-                at = 3 + m if m < 3 else m - 3
-                rates[k] += basis[k, m] * both[c, at]
-                small[6, k] += by_velocity[k, m] * both[c, at]
-        for d in range(size):
-            i = chain[d]
-            moves[i, j] += _dot(two, d, wrench, 2) - _dot(one, d, wrench, 3)
-            for k in range(dim):
-                at = 3 + k if k < 3 else k - 3
-                hessian[i, j] += both[d, at] * rates[k]
-                moves[i, n + j] -= both[d, at] * small[6, k]
-    if e2 < n:
-        _put_wrench(wrench, axis, o2, -1.0, forces_of_bodies, b2)
-    if e1 < n:
-        _put_wrench(wrench, axis, o1, 1.0, forces_of_bodies, b1)
-    return rows
+            at = 3 + k if k < 3 else k - 3
+            hessian[i, j] += both[d, at] * rates[k]
+            moves[i, n + j] -= both[d, at] * small[6, k]
 
 
 @compiled_part
