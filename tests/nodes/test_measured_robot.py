@@ -428,13 +428,15 @@ def test_a_stall_in_the_first_of_two_runs_leaves_a_bag_without_a_fault(graph, bl
 def needing(*topics, joints=()):
     """A robot whose states need messages on these topics, and these joints."""
 
-    def lacking(messages):
+    def missing_topics(messages):
         return [topic for topic in topics if topic not in messages]
 
     def lacking_joints(names):
         return [name for name in joints if name not in names]
 
-    return SimpleNamespace(lacking=lacking, lacking_joints=lacking_joints, joint_names=joints)
+    return SimpleNamespace(
+        missing_topics=missing_topics, lacking_joints=lacking_joints, joint_names=joints
+    )
 
 
 def stamped(at, **positions):

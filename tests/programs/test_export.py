@@ -170,7 +170,7 @@ def test_what_cannot_be_exported_or_executed_is_refused_with_a_sentence(run, for
     path, layers = foreign
     (tmp_path / "empty").mkdir()
     fails(r"policy\.json is not a readable policy", "export", tmp_path / "empty", "--output", "x")
-    fails("No such file or directory: 'none'", "export", "none", "--output", "x")
+    fails("none is not a readable policy .*No such file", "export", "none", "--output", "x")
     fails("exists already", "export", run, "--output", path)
     fails("'x' is named for two files", "export", run, "--output", "x", "--mjcf", "./x")
     fails("There is no folder 'none'; make it", "export", run, "--output", "none/x.onnx")
@@ -178,7 +178,7 @@ def test_what_cannot_be_exported_or_executed_is_refused_with_a_sentence(run, for
     (tmp_path / "large").mkdir()
     with (tmp_path / "large" / "policy.json").open("wb") as file:
         file.truncate(2 << 30)  # 2 GB, of which the disk holds nothing
-    fails("has 2147 MB, but at most 268 MB", "export", tmp_path / "large", "--output", "x")
+    fails("has 2147 MB, and at most 268 MB", "export", tmp_path / "large", "--output", "x")
     fails("has 2 controls, but the task has 6", "export", run, "--output", "x", "--task", "walker")
     fails("names no task; give --task", "evaluate", path)
     fails("has no noise to draw", "evaluate", path, "--task", "swimmer", "--stochastic")

@@ -89,7 +89,7 @@ TASKS = {
     "changes: {joints: {shuolder: {damping: 1.0}}}": "Did you mean 'shoulder'",
     "changes: {joints: {shoulder: {dampping: 1.0}}}": "Did you mean 'damping'",
     "changes: {joints: {elbow: {lock: far}}}": "changes.joints.elbow.lock",
-    "changes: {joints: {wrst: {lock: 0.0}}}": "'wrst' matches no joint",
+    "changes: {joints: {wrst: {lock: 0.0}}}": "'wrst' matches no hinge",
     "changes: {joints: {'*': {lock: 0.0}}}": "has no joint",
     "changes: {remove_bodies: [loer]}": "Did you mean 'lower'",
     "changes: {remove_bodies: [upper]}": "has no joint|framepos|tip",

@@ -106,7 +106,7 @@ def test_new_locks_joints_and_puts_servos_in_place_of_motors(tmp_path, monkeypat
         with pytest.raises(SystemExit, match="is no position of 'FL_roll'"):
             main(["new", "other", "--model", "robot.xml", "--lock", wrong])
     with pytest.raises(
-        SystemExit, match=r"^vgps new: --lock FL_rol=0.5: 'FL_rol' matches no joint"
+        SystemExit, match=r"^vgps new: --lock FL_rol=0.5: 'FL_rol' matches no hinge or slide"
     ):
         main(["new", "other", "--model", "robot.xml", "--lock", "*_roll", "FL_rol=0.5"])
 

@@ -241,11 +241,7 @@ def read_deployment(path: Path) -> Deployment:
 
 
 def _check(content: _Content) -> None:
-    """Checks what a record's types do not tell of a robot.
-
-    Raises:
-        InvalidInputError: sizes or units do not fit each other, or numbers cannot be a robot's.
-    """
+    """Checks what a record's types do not tell of a robot: sizes, units, places and ranges."""
     layout, robot, past = content.layout, content.controls, content.past
     commands = content.signals.commands
     named = [content.names, layout.joints, robot.names, content.keyframes]
@@ -276,16 +272,19 @@ def _check(content: _Content) -> None:
         counts, ranges = counts * 2, [*ranges, *past.limits]
     ranges += [*layout.ranges, content.lowest, content.highest]
     counts += [len(layout.joints)] * 2 + [len(content.limited)] * 2
-    is_robot = [each.shape for each in ranges] == [(count,) for count in counts]
-    is_robot &= not any(np.isnan(each).any() for each in ranges)
-    is_robot &= all(place in range(len(layout.names)) for place in places)
-    is_robot &= 0.0 < content.time_step <= 10.0 and 0 < content.horizon <= _LONGEST
-    is_robot &= all(-_LONGEST < c.lowest <= c.highest < _LONGEST for c in commands)
-    is_robot &= not any(c.source and not SOURCE.fullmatch(c.source) for c in commands)
-    is_robot &= content.signals.time_step == content.time_step
-    is_robot &= 0.0 <= content.signals.frequency * content.time_step <= 1.0
-    if not is_robot:
-        raise InvalidInputError("its limits, places or times cannot be a robot's")
+    signals, step, n_x = content.signals, content.time_step, len(layout.names)
+    shapes = [each.shape for each in ranges] == [(count,) for count in counts]
+    bounds = all(-_LONGEST < c.lowest <= c.highest < _LONGEST for c in commands)
+    right = {
+        "limits": shapes and not any(np.isnan(each).any() for each in ranges),
+        "places in the state": all(place in range(n_x) for place in places),
+        "control period": 0.0 < step <= 10.0 and signals.time_step == step,
+        "horizon": 0 < content.horizon <= _LONGEST,
+        "commands": bounds and all(SOURCE.fullmatch(c.source) for c in commands if c.source),
+        "clock": 0.0 <= signals.frequency * step <= 1.0,
+    }
+    if wrong := [what for what, is_right in right.items() if not is_right]:
+        raise InvalidInputError(f"its {', '.join(wrong)} cannot be a robot's")
 
 
 def make_deployment(reference: str) -> Deployment:

@@ -82,9 +82,9 @@ def load_policy(path: Path) -> tuple[GaussianPolicy, str]:
     try:
         content = read_json(path)
     except (OSError, ValueError) as error:
-        raise InvalidInputError(
-            f"{path} is not a readable policy file ({error}); name the policy.json of a run."
-        ) from error
+        cause = getattr(error, "strerror", error)
+        sentence = f"{path} is not a readable policy file ({cause}); name the policy.json of a run."
+        raise InvalidInputError(sentence) from error
     try:
         shape = from_entries(Architecture, content, {})
         arrays = {name: content[name] for name in declared_shapes(GaussianPolicy)}
