@@ -9,7 +9,7 @@ import pytest
 
 from tests.simulation.readable_derivatives import inverse_dynamics_rates
 from tests.simulation.robots import EVERYTHING, random_states
-from tests.simulation.test_predicted_steps import SERVO, centred_differences
+from tests.simulation.test_differences import SERVO, centred_differences
 from vgps_ros.core.records import Trajectory
 from vgps_ros.simulation.compiled_mechanism import mechanism_of
 from vgps_ros.simulation.dynamics import Dynamics
@@ -185,6 +185,9 @@ def test_the_compiled_form_is_the_readable_one(rng):
         (MOTOR, '<motor name="hip" site="foot" gear="1 0 0 0 0 0"/>'),
         ("<actuator>", '<equality><weld body1="tail" body2="shin"/></equality><actuator>'),
         (OPTION, 'integrator="RK4"'),
+        (OPTION, 'integrator="implicit"'),
+        (OPTION, f'{OPTION} noslip_iterations="3"'),
+        (OPTION, f'{OPTION} density="1000"'),
     ],
 )
 def test_what_has_no_closed_form_is_left_to_differences(old, new):

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vgps_ros.core.records import Array
-from vgps_ros.simulation.model import step_structure
+from vgps_ros.simulation.model import damping_varies
 
 Indices = NDArray[np.int32]
 
@@ -144,9 +144,7 @@ class Mechanism(NamedTuple):
 
 def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
     """Returns the mechanism of a model."""
-    structure = step_structure(model)
     is_release_known = mujoco.__version__ in _KNOWN_RELEASES
-    may_know = is_release_known and structure.may_predict and structure.knows_velocities
     n, free, ball = model.nv, int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
     parent = np.where(model.dof_parentid < 0, n, model.dof_parentid).astype(np.int32)
     base, end = parent.copy(), np.arange(n, dtype=np.int32)
@@ -176,7 +174,7 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
     none = np.zeros(3, np.int64)
     bodies = model.dof_bodyid, model.body_parentid, body_end, model.body_rootid
     return Mechanism(
-        bool(may_know and _is_known(model)),
+        bool(is_release_known and _is_balance(model) and _is_known(model)),
         bool(is_implicit or (damps and model.dof_damping.any())),
         bool(mujoco.mj_isSparse(model)),
         Tree(*(parent, base, end, *bodies), *(data.subtree_com, data.cdof, data.cinert, data.crb)),
@@ -197,6 +195,24 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
     )
 
 
+def _is_balance(model: mujoco.MjModel) -> bool:
+    """Returns whether a step is a balance of forces, integrated by a system of positions alone."""
+    option, stages = model.opt, mujoco.mjtEnableBit
+    other_stages = stages.mjENBL_SLEEP | stages.mjENBL_DIAGEXACT | stages.mjENBL_IPC
+    is_fast = option.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # A tree of a free joint alone is then integrated with its gyroscopic forces, which vary.
+    is_free = model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)
+    alone = model.tree_dofnum[model.dof_treeid[model.jnt_dofadr[is_free]]] == 6
+    return bool(
+        (is_fast or option.integrator == mujoco.mjtIntegrator.mjINT_EULER)
+        and not (is_fast and alone.any())
+        and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+        and not option.enableflags & other_stages
+        and not (option.noslip_iterations or model.nplugin or model.nflex)
+        and not damping_varies(model)
+    )
+
+
 def _is_known(model: mujoco.MjModel) -> bool:
     """Returns whether each force but those of contacts has a derivative in closed form."""
     joints = int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
@@ -212,6 +228,7 @@ def _is_known(model: mujoco.MjModel) -> bool:
         model.nu == model.nactuator == model.nout == len(kind)
         and plain.all()
         and (model.actuator_dyntype <= muscle).all()
+        and (model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE)).all()
         and not model.actuator_damping.any()
         and not model.actuator_armature.any()
         and not model.tendon_limited.any()

@@ -27,7 +27,7 @@ from vgps_ros.core.policy import GaussianPolicy
 from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajectory
 from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.robot.unrest import Unrest
-from vgps_ros.simulation import compiled_closed_form, compiled_derivatives, compiled_loops
+from vgps_ros.simulation import compiled_derivatives, compiled_loops
 from vgps_ros.simulation.compiled_closed_form import tangents
 from vgps_ros.simulation.compiled_mechanism import mechanism_of
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
@@ -133,17 +133,14 @@ def _compiled_simulation(
     arrays = (
         *(data.qpos, data.qvel, data.act, data.ctrl, data.qacc_warmstart, data.sensordata),
         *control_range(model),
-        *(data.qacc, data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator),
-        *(data.qfrc_smooth, data.qfrc_constraint),
+        *(data.qacc, data.qfrc_actuator),
     )
     rates = data.qDeriv, model.D_rownnz, model.D_rowadr, model.D_colind
     rest = substeps, step_structure(model), *rates, data.xfrc_applied, push
     return CompiledSimulation(model._address, data._address, *arrays, *rest)
 
 
-# Perturbation of the finite differences, by whether the neighbours' accelerations are predicted:
-# then no search for them adds its noise, and the curvature of hard contact counts for more.
-_EPS = {False: 1e-7, True: 1e-8}
+_EPS = 1e-7  # perturbation of the finite differences
 # Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 KINK = 10.0
 # A rollout whose states or controls leave these bounds has diverged.
@@ -167,7 +164,7 @@ class Dynamics:
     Args:
         model: the robot.
         substeps: simulator steps for which one control is held.
-        eps: perturbation of the finite differences; None for one that suits the model.
+        eps: perturbation of the finite differences.
         threads: threads that share finite differences and rollouts; their number changes no result.
         push: a push of the robot, by which f depends on the step too, as f_t.
 
@@ -179,14 +176,14 @@ class Dynamics:
         self,
         model: mujoco.MjModel,
         substeps: int = 1,
-        eps: float | None = None,
+        eps: float = _EPS,
         threads: int | None = None,
         push: BodyPush = NO_PUSH,
     ):
         self.simulations = Simulations(model, substeps, threads, push)
         self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
-        self.eps = eps or _EPS[step_structure(self.model).may_predict]
+        self.eps = eps
         self.control_dim = model.nu
         self.controls = controls_of(model)
         self.control_limits = self.controls.limits
@@ -205,7 +202,6 @@ class Dynamics:
         # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
         self._kink = KINK * self.eps if damping_varies(self.model) else 0.0
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
-        self._positions = positions
 
     @property
     def state_dim(self) -> int:
@@ -432,26 +428,16 @@ class Dynamics:
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
-        model, mechanisms = self.model, self.simulations.mechanisms
-        kink = np.inf if centred else self._kink
+        kink, model = np.inf if centred else self._kink, self.model
 
         def differentiate(sim: CompiledSimulation, part: slice) -> int:
             """Writes the derivatives of some steps, and returns their simulator steps."""
-            is_known, steps = np.zeros(part.stop - part.start, bool), 0
-            if mechanisms[sim.data].is_known and not centred:
-                work = tangents(model.nv, model.nbody, model.na, model.nu)
-                steps = compiled_closed_form.differentiate(
-                    *(sim, mechanisms[sim.data], work, self._positions),
-                    *(part.start, states[part], controls[part], f_x[part], f_u[part], is_known),
-                )
-            others = part.start + np.flatnonzero(~is_known)
-            for run in np.split(others, np.flatnonzero(np.diff(others) > 1) + 1):
-                if run.size:
-                    these = slice(run[0], run[-1] + 1)
-                    steps += compiled_derivatives.differentiate(
-                        *(sim, self._columns, self.eps, kink, these.start),
-                        *(states[these], controls[these], f_x[these], f_u[these]),
-                    )
+            work = tangents(model.nv, model.nbody, model.na, model.nu)
+            steps: int = compiled_derivatives.differentiate(
+                *(sim, self.simulations.mechanisms[sim.data], work),
+                *(self._columns, self.eps, kink, part.start),
+                *(states[part], controls[part], f_x[part], f_u[part]),
+            )
             return steps
 
         return LinearDynamics(f_x, f_u), sum(self.simulations.in_threads(horizon, differentiate))
