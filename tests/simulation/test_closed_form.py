@@ -80,6 +80,7 @@ def errors_of(model, states, controls):
         (HIP, 'joint stiffness="20" springref=".3" name="hip"'),
         (HIP, 'joint limited="true" range="-3 3" name="hip"'),
         (HIP, 'joint frictionloss=".5" name="hip"'),
+        (OPTION, f'{OPTION} gravity="1 2 -9"', "<body name=", '<body gravcomp=".7" name='),
         (HIP, 'joint actuatorfrcrange="-.2 .2" name="hip"'),
         (MOTOR, SERVO),
         (MOTOR, SERVO, OPTION, 'integrator="Euler"'),
@@ -181,7 +182,7 @@ def test_the_compiled_form_is_the_readable_one(rng):
     [
         (HIP, 'joint springdamper="0 0" stiffness="1 2" name="hip"'),
         ('joint name="tail"', 'joint stiffness="1" name="tail"'),
-        ('body name="thigh"', 'body gravcomp="1" name="thigh"'),
+        (HIP, 'joint actuatorgravcomp="true" name="hip"'),
         (MOTOR, '<motor name="hip" site="foot" gear="1 0 0 0 0 0"/>'),
         ("<actuator>", '<equality><weld body1="tail" body2="shin"/></equality><actuator>'),
         (OPTION, 'integrator="RK4"'),

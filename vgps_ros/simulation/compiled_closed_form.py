@@ -17,6 +17,9 @@ F = I A + V ×* I V change by
 
     D_j F = I ζ_j + B ψ_j,    B ψ = V ×* I ψ − I (V × ψ) + ψ ×* I V.
 
+A force that holds part of a body's weight does not turn with it, as if that mass had no weight in
+ζ: with its first moment P, mass p and the turn w of S_j, (P, p) takes away the motion w × (−g).
+
 Sums over what joint i carries, Iᶜ and Bᶜ, give the force S_iᵀ F of joint i (Carpentier and Mansard
 2018; Echeandia and Wensing 2021):
 
@@ -39,6 +42,7 @@ from vgps_ros.simulation.compiled_contacts import ContactMemory, add_constraints
 from vgps_ros.simulation.compiled_spatial import (
     add_cross_force,
     add_curl,
+    add_to,
     cross,
     dot,
     dot3,
@@ -72,6 +76,9 @@ class Tangents(NamedTuple):
         pulled: the same of a − â.
         linear: l, (n_b, 3).
         turning: N, (n_b, 9).
+        held: P and p of what gravity compensation holds, then of all that each carries, (n_b, 4).
+        lift: p s + w × P of S = (w, s), (n, 3).
+        fall: w × (−g), (n, 3).
         inertial: Iᶜ S, (n, 6).
         curling: the turn of Bᶜᵀ S, (n, 3).
         column: (4, 6).
@@ -99,6 +106,9 @@ class Tangents(NamedTuple):
     pulled: Array
     linear: Array
     turning: Array
+    held: Array
+    lift: Array
+    fall: Array
     inertial: Array
     curling: Array
     column: Array
@@ -122,7 +132,8 @@ def tangents(n: int, n_b: int, n_a: int, n_u: int) -> Tangents:
     contact = ContactMemory._make([np.zeros(n, np.int64), *(np.zeros(shape) for shape in shapes)])
     shapes = (
         *(2 * ((n,),) + 4 * ((n + 1, 6),) + 4 * ((n, 6),)),
-        *((n_b, 6), (n_b, 6), (n_b, 3), (n_b, 9), (n, 6), (n, 3), (4, 6)),
+        *((n_b, 6), (n_b, 6), (n_b, 3), (n_b, 9), (n_b, 4), (n, 3), (n, 3)),
+        *((n, 6), (n, 3), (4, 6)),
         *((n, n), (n, m), (n, m), (n, n), (n_u,), (n,), (2, n_a)),
     )
     return Tangents._make([*(np.zeros(shape) for shape in shapes), contact])
@@ -145,7 +156,7 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
         work.pull[i] = sim.qacc[i] - (after[n_q + i] - z[n_q + i]) / h
         for k in range(mech.mass_starts[i], mech.mass_starts[i] + mech.mass_lengths[i]):
             hessian[i, mech.mass_columns[k]] = mech.mass[k]
-    _follow_motion(tree, mech.gravity, z, n_q, work)
+    _follow_motion(mech, z, n_q, work)
     if not add_constraints(mech, sim.data, work):
         return False
     # Forces that bodies carry.
@@ -160,6 +171,8 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
             work.linear[p, k] += work.linear[b, k]
         for k in range(9):
             work.turning[p, k] += work.turning[b, k]
+        for k in range(4):
+            work.held[p, k] += work.held[b, k]
     cdof, y, curl, column = tree.cdof, work.inertial, work.curling, work.column
     for i in range(n):
         b = tree.body[i]
@@ -172,11 +185,20 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
         for k in range(3):
             turn = work.turning
             curl[i, k] += turn[b, k] * p + turn[b, 3 + k] * q + turn[b, 6 + k] * r
+        x, o, w = row3(work.held, b)
+        held, lift = work.held[b, 3], work.lift
+        lift[i, 0] = held * s + q * w - r * o
+        lift[i, 1] = held * t + r * x - p * w
+        lift[i, 2] = held * u + p * o - q * x
     for j in range(n):
         b = tree.body[j]
         put_inertia(tree.crb, b, work.zeta, j, column, 0)
         add_curl(work.turning, work.linear, b, work.psi, j, column, 0)
         add_cross_force(cdof, j, work.force, b, 1.0, column, 0)
+        p, q, r = row3(work.fall, j)
+        x, o, w = row3(work.held, b)
+        m = work.held[b, 3]
+        add_to(column, 0, 1.0, o * r - w * q, w * p - x * r, x * q - o * p, m * p, m * q, m * r)
         put_inertia(tree.crb, b, work.chi, j, column, 1)
         add_curl(work.turning, work.linear, b, cdof, j, column, 1)
         put_inertia(tree.crb, b, work.xi, j, column, 2)
@@ -185,6 +207,7 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
         while up < n:
             if tree.base[up] == tree.base[j]:
                 moves[up, j] -= dot(y, up, work.zeta, j) + dot3(curl, up, work.psi, j)
+                moves[up, j] -= dot3(work.lift, up, work.fall, j)
                 rates[up, j] = dot(y, up, work.xi, j)
             else:
                 moves[up, j] -= dot(cdof, up, column, 0)
@@ -192,6 +215,7 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
             moves[up, n + j] -= dot(cdof, up, column, 1)
             if up != j:
                 moves[j, up] -= dot(y, j, work.zeta, up) + dot3(curl, j, work.psi, up)
+                moves[j, up] -= dot3(work.lift, j, work.fall, up)
                 rates[j, up] = dot(y, j, work.xi, up)
                 moves[j, n + up] -= dot(y, j, work.chi, up) + dot3(curl, j, cdof, up)
             up = np.int64(tree.parent[up])
@@ -202,15 +226,15 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
 
 
 @compiled_part
-def _follow_motion(tree, gravity, z, n_q, work):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _follow_motion(mech, z, n_q, work):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes motions up to each degree of freedom, and each body's forces."""
+    tree, (f, g, h) = mech.tree, mech.gravity
     n, n_b = len(tree.parent), len(tree.body_parent)
     cdof, velocity, total = tree.cdof, work.velocity, work.total
     plain, excess, psi, zeta = work.plain, work.excess, work.psi, work.zeta
     for k in range(6):
         velocity[n, k] = plain[n, k] = excess[n, k] = total[n, k] = 0.0
-    for k in range(3):
-        total[n, 3 + k] = -gravity[k]
+    total[n, 3], total[n, 4], total[n, 5] = -f, -g, -h
     column = work.column
     for i in range(n):
         base, before = tree.base[i], tree.parent[i]
@@ -229,6 +253,9 @@ def _follow_motion(tree, gravity, z, n_q, work):  # type: ignore[no-untyped-def]
         cross(velocity, tree.end[i], cdof, i, work.chi, i)
         for k in range(6):
             work.chi[i, k] += psi[i, k]
+        p, q, r = row3(cdof, i)
+        fall = work.fall
+        fall[i, 0], fall[i, 1], fall[i, 2] = r * g - q * h, p * h - r * f, q * f - p * g
     inertia = tree.cinert
     for b in range(1, n_b):
         e = tree.body_end[b]
@@ -242,7 +269,7 @@ def _follow_motion(tree, gravity, z, n_q, work):  # type: ignore[no-untyped-def]
             work.linear[b, k] = column[0, 3 + k]
         # N = X + Xᵀ − [I_w ω]ₓ + 2 ((m c · v) 1 − v (m c)ᵀ), X = [ω]ₓ I_w
         p, q, r, s, t, u = row(velocity, e)
-        xx, yy, zz, xy, xz, yz, x, y, o, _ = inertia_of(inertia, b)
+        xx, yy, zz, xy, xz, yz, x, y, o, m = inertia_of(inertia, b)
         a0, a1, a2 = q * xz - r * xy, q * yz - r * yy, q * zz - r * yz
         b0, b1, b2 = r * xx - p * xz, r * xy - p * yz, r * xz - p * zz
         c0, c1, c2 = p * xy - q * xx, p * yy - q * xy, p * yz - q * xz
@@ -260,6 +287,10 @@ def _follow_motion(tree, gravity, z, n_q, work):  # type: ignore[no-untyped-def]
         turn[b, 6] = a2 + c0 + k1 - 2.0 * u * x
         turn[b, 7] = b2 + c1 - k0 - 2.0 * u * y
         turn[b, 8] = 2.0 * c2 + along - 2.0 * u * o
+        share, held = mech.held[b], work.held
+        held[b, 0], held[b, 1], held[b, 2], held[b, 3] = share * x, share * y, share * o, share * m
+        fx, fy, fz = y * h - o * g, o * f - x * h, x * g - y * f
+        add_to(work.force, b, share, fx, fy, fz, m * f, m * g, m * h)
 
 
 @compiled_part

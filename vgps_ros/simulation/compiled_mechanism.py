@@ -101,6 +101,7 @@ class Mechanism(NamedTuple):
         tree: the tree of joints.
         touch: the contacts.
         gravity: (3,) [m/s²].
+        held: share of each body's weight that gravity compensation holds, (n_b,).
         stiffness: of the springs at joints, (n_v,).
         damping: of the joints, (n_v,).
         lowest: lowest forces of actuators at each degree of freedom.
@@ -122,6 +123,7 @@ class Mechanism(NamedTuple):
     tree: Tree
     touch: Touch
     gravity: Array
+    held: Array
     stiffness: Array
     damping: Array
     lowest: Array
@@ -184,6 +186,7 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
             *(_places() if is_release_known else (none, none)),
         ),
         model.opt.gravity * pulls,
+        model.body_gravcomp,
         np.where(is_single & springs, model.jnt_stiffness[model.dof_jntid], 0.0),
         model.dof_damping * damper,
         np.where(has_limit, lowest, -np.inf),
@@ -239,7 +242,7 @@ def _is_known(model: mujoco.MjModel) -> bool:
         and not model.tendon_damping.any()
         and not model.tendon_dampingpoly.any()
         and not model.tendon_actfrclimited.any()
-        and not model.body_gravcomp.any()
+        and not model.jnt_actgravcomp.any()
         and not model.jnt_stiffnesspoly.any()
         and not model.jnt_stiffness[~single].any()
         and not model.jnt_limited[~single].any()
