@@ -68,6 +68,7 @@ class Simulations:
             such a state counts as diverged.
         space: space of its states.
         threads: threads that share the work; their number changes no result.
+        closed_forms: what derivatives in closed form need of each simulation, by its address.
 
     Args:
         model: the robot.
@@ -97,7 +98,10 @@ class Simulations:
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:
             self._idle.put(_compiled_simulation(model, data, substeps, push))
-        self.mechanisms = {data._address: mechanism_of(model, data) for data in self._data}
+        sizes = model.nv, model.nbody, model.na, model.nu
+        self.closed_forms = {
+            data._address: (mechanism_of(model, data), tangents(*sizes)) for data in self._data
+        }
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
 
     def warnings(self) -> Counter[str]:
@@ -428,13 +432,12 @@ class Dynamics:
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
-        kink, model = np.inf if centred else self._kink, self.model
+        kink = np.inf if centred else self._kink
 
         def differentiate(sim: CompiledSimulation, part: slice) -> int:
             """Writes the derivatives of some steps, and returns their simulator steps."""
-            work = tangents(model.nv, model.nbody, model.na, model.nu)
             steps: int = compiled_derivatives.differentiate(
-                *(sim, self.simulations.mechanisms[sim.data], work),
+                *(sim, *self.simulations.closed_forms[sim.data]),
                 *(self._columns, self.eps, kink, part.start),
                 *(states[part], controls[part], f_x[part], f_u[part]),
             )
