@@ -85,13 +85,13 @@ class Rows(NamedTuple):
     """The constraints of a step: their number, and where MuJoCo keeps their numbers.
 
     Attributes:
-        count: rows of all constraints.
+        number: of the rows of all constraints.
         contacts: address of the contacts' records.
         size: of such a record [B].
         kind: address of the rows' kinds; the others are those of the fields of this name.
     """
 
-    count: int
+    number: np.int64
     contacts: int
     size: int
     kind: int
@@ -132,7 +132,7 @@ def add_constraints(mech, data, work):  # type: ignore[no-untyped-def]  # pragma
     """Adds constraints to H, to −∂r and to the forces on bodies; returns whether all are known."""
     rows = _find_rows(mech.touch, data)
     e = np.int64(0)
-    while e < rows.count:
+    while e < rows.number:
         if mj.int32_at(rows.kind, e) < _FIRST_CONTACT:
             _add_row(rows, e, mech.is_sparse, work.hessian, work.moves)
             e += 1
@@ -202,7 +202,7 @@ def _count_rows(rows, first):  # type: ignore[no-untyped-def]  # pragma: no cove
     """Returns how many rows a contact has from its first row on, and whether one has a force."""
     kind, name = mj.int32_at(rows.kind, first), mj.int32_at(rows.id, first)
     e, acts = first, False
-    while e < rows.count and mj.int32_at(rows.kind, e) == kind and mj.int32_at(rows.id, e) == name:
+    while e < rows.number and mj.int32_at(rows.kind, e) == kind and mj.int32_at(rows.id, e) == name:
         acts |= mj.double_at(rows.force, e) != 0.0
         e += 1
     return e - first, acts
