@@ -82,6 +82,7 @@ def errors_of(model, states, controls):
         (HIP, 'joint frictionloss=".5" name="hip"'),
         (OPTION, f'{OPTION} gravity="1 2 -9"', "<body name=", '<body gravcomp=".7" name='),
         (HIP, 'joint actuatorfrcrange="-.2 .2" name="hip"'),
+        (MOTOR, MOTOR.replace("/>", ' armature=".05" gear="3"/>')),
         (MOTOR, SERVO),
         (MOTOR, SERVO, OPTION, 'integrator="Euler"'),
         ('dynprm=".05"', 'dynprm=".05" actearly="true"'),

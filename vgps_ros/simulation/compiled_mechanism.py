@@ -233,7 +233,6 @@ def _is_known(model: mujoco.MjModel) -> bool:
         and (model.actuator_dyntype <= muscle).all()
         and (model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE)).all()
         and not model.actuator_damping.any()
-        and not model.actuator_armature.any()
         and not model.tendon_limited.any()
         and not model.tendon_frictionloss.any()
         and not model.tendon_armature.any()
