@@ -82,6 +82,8 @@ def errors_of(model, states, controls):
         (HIP, 'joint frictionloss=".5" name="hip"'),
         (OPTION, f'{OPTION} gravity="1 2 -9"', "<body name=", '<body gravcomp=".7" name='),
         (HIP, 'joint actuatorfrcrange="-.2 .2" name="hip"'),
+        (MOTOR, MOTOR.replace("/>", ' armature=".05" damping=".2" gear="3"/>')),
+        (MOTOR, MOTOR.replace("/>", ' damping=".2" gear="3"/>'), OPTION, 'integrator="Euler"'),
         (MOTOR, SERVO),
         (MOTOR, SERVO, OPTION, 'integrator="Euler"'),
         ('dynprm=".05"', 'dynprm=".05" actearly="true"'),

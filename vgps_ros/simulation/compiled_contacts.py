@@ -138,21 +138,8 @@ def add_constraints(mech, data, work):  # type: ignore[no-untyped-def]  # pragma
             e += 1
             continue
         count, acts = _count_rows(rows, e)
-        if acts:
-            own, motions = work.contact, (work.plain, work.velocity)
-            if not _add_contact(
-                mech.tree,
-                mech.touch,
-                rows,
-                e,
-                count,
-                own,
-                motions,
-                work.force,
-                work.moves,
-                work.hessian,
-            ):
-                return False
+        if acts and not _add_contact(mech, rows, e, count, work):
+            return False
         e += count
     return True
 
@@ -221,10 +208,10 @@ def _put_in_frame(axis, origin, a, i, out, k):  # type: ignore[no-untyped-def]  
 
 
 @compiled_part
-def _add_contact(  # type: ignore[no-untyped-def]  # pragma: no cover
-    tree, touch, rows, first, count, work, motions, forces_of_bodies, moves, hessian
-):
+def _add_contact(mech, rows, first, count, memory):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Adds a contact, whose first row is given; returns whether it is known."""
+    tree, touch, work = mech.tree, mech.touch, memory.contact
+    plain, velocity, forces = memory.plain, memory.velocity, memory.force
     contact = rows.contacts + rows.size * mj.int32_at(rows.id, first)
     g1, g2 = mj.int32_at(contact, _GEOMS), mj.int32_at(contact, _GEOMS + 1)
     if g1 < 0 or g2 < 0:
@@ -243,7 +230,6 @@ def _add_contact(  # type: ignore[no-untyped-def]  # pragma: no cover
         return False
 
     # Motions at the contact: J a and J v of each body, and their difference, at rows 0 to 5.
-    plain, velocity = motions
     small = work.small
     e1, e2 = tree.body_end[b1], tree.body_end[b2]
     _put_in_frame(axis, o2, plain, e2, small, 0)
@@ -263,12 +249,12 @@ def _add_contact(  # type: ignore[no-untyped-def]  # pragma: no cover
         base = np.int64(tree.base[work.chain[c]])
         _change_motion(work, o1, o2, plain, 0, base, c)
         _change_motion(work, o1, o2, velocity, 1, base, c)
-        _add_column(work, dim, size, c, moves, hessian)
-    n = len(hessian)
+        _add_column(work, dim, size, c, memory.moves, memory.hessian)
+    n = len(memory.hessian)
     if e2 < n:
-        _put_wrench(wrench, axis, o2, -1.0, forces_of_bodies, b2)
+        _put_wrench(wrench, axis, o2, -1.0, forces, b2)
     if e1 < n:
-        _put_wrench(wrench, axis, o1, 1.0, forces_of_bodies, b1)
+        _put_wrench(wrench, axis, o1, 1.0, forces, b1)
     return True
 
 

@@ -166,6 +166,10 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
     damps = not model.opt.disableflags & (
         mujoco.mjtDisableBit.mjDSBL_DAMPER | mujoco.mjtDisableBit.mjDSBL_EULERDAMP
     )
+    damping, joints = model.dof_damping.copy(), model.actuator_trnid[:, 0].clip(0)
+    if model.actuator_damping.any():  # of actuators at hinges and slides
+        slowed = model.actuator_gear[:, 0] ** 2 * model.actuator_damping
+        np.add.at(damping, model.jnt_dofadr[joints], slowed)
     is_implicit = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     has_limit = model.jnt_actfrclimited[model.dof_jntid].astype(bool)
     lowest, highest = model.jnt_actfrcrange[model.dof_jntid].T
@@ -177,7 +181,7 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
     bodies = model.dof_bodyid, model.body_parentid, body_end, model.body_rootid
     return Mechanism(
         bool(is_release_known and _is_balance(model) and _is_known(model)),
-        bool(is_implicit or (damps and model.dof_damping.any())),
+        bool(is_implicit or (damps and damping.any())),
         bool(mujoco.mj_isSparse(model)),
         Tree(*(parent, base, end, *bodies), *(data.subtree_com, data.cdof, data.cinert, data.crb)),
         Touch(
@@ -188,7 +192,7 @@ def mechanism_of(model: mujoco.MjModel, data: mujoco.MjData) -> Mechanism:
         model.opt.gravity * pulls,
         model.body_gravcomp,
         np.where(is_single & springs, model.jnt_stiffness[model.dof_jntid], 0.0),
-        model.dof_damping * damper,
+        damping * damper,
         np.where(has_limit, lowest, -np.inf),
         np.where(has_limit, highest, np.inf),
         of_act,
@@ -232,8 +236,7 @@ def _is_known(model: mujoco.MjModel) -> bool:
         and plain.all()
         and (model.actuator_dyntype <= muscle).all()
         and (model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE)).all()
-        and not model.actuator_damping.any()
-        and not model.actuator_armature.any()
+        and not model.actuator_damping[~moved | (kind > joints[1])].any()
         and not model.tendon_limited.any()
         and not model.tendon_frictionloss.any()
         and not model.tendon_armature.any()
