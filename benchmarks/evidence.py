@@ -28,11 +28,14 @@ from benchmarks.figure1.statistics import (
 )
 from benchmarks.figure1.table import Columns, by_panel
 from benchmarks.legs import rows as legs_rows
+from benchmarks.parts import VARIANTS, WHOLE
+from benchmarks.parts import rows as parts_rows
 from benchmarks.past_the_paper import METHODS as PAST
 from benchmarks.past_the_paper import PEERS
 from benchmarks.past_the_paper import rows as past_rows
 from benchmarks.robots import ALONE, OWN, lines, robots
 from vgps_ros.core.records import Array
+from vgps_ros.programs.compare import compare_figures
 from vgps_ros.search.robustness import ENOUGH
 from vgps_ros.search.seed_statistics import interquartile_mean, with_interval
 
@@ -46,9 +49,18 @@ PAGES = (
     *(ROOT / "docs" / "explanation" / name for name in EXPLAINED),
 )
 FRESH = range(21, 26)  # the quadruped's seeds on which no setting was chosen
+UNSEEN = 9  # first seed of Figure 1's swimmers that no page had named before
 PAST_COSTS = ("q_cost", "deterministic", "stochastic_median")
 TABLE = re.compile(r"(<!-- table: ([^\n]+) -->\n)(?s:.*?)(<!-- end of table -->)")
 NOISE = {"median": "with noise, median rollout", "mean": "with noise, mean of the rollouts"}
+# What the parts of vgps are judged by: figures of disturbances, by kind.
+TRIED = {
+    "pushes": ("survival", "up after a push of {:g} N·s"),
+    "dampings": ("obeys", "obeys, joints' damping × {:g}"),
+    "armatures": ("obeys", "obeys, joints' armature × {:g}"),
+    "contacts": ("obeys", "obeys, MuJoCo's contact"),
+    "latencies": ("obeys", "obeys, {:g} s late"),
+}
 FALLS = CEILING - 1e-6  # an interval from here on is one of policies that all fall
 
 
@@ -81,10 +93,20 @@ def summaries() -> dict[tuple[str, str], dict[str, Any]]:
 
 
 @cache
-def probabilities() -> dict[str, dict[str, float]]:
-    """Returns how probable it is that a seed of vgps ends lower, by the other method."""
+def probabilities(task: str = "", first: int = 0) -> dict[str, dict[str, float]]:
+    """Returns how probable it is that a seed of vgps ends lower, by the other method.
+
+    It is that of one task, or of all, and of the seeds from a first one on.
+    """
     columns = {"without": "deterministic_cost"} | {n: f"stochastic_cost_{n}" for n in NOISE}
-    ends = {kind: last_costs(figure1(), column) for kind, column in columns.items()}
+    chosen: dict[Panel, dict[str, Columns]] = {}
+    for name, methods in figure1().items():
+        for method, own in methods.items() if task in ("", name.task) else ():
+            late = own["seed"][:, 0] >= first
+            if late.any():
+                kept = {column: values[late] for column, values in own.items()}
+                chosen.setdefault(name, {})[method] = kept
+    ends = {kind: last_costs(chosen, column) for kind, column in columns.items()}
     return {row["against"]: row for row in improvement(ends) if row["ours"] == "vgps"}
 
 
@@ -106,6 +128,20 @@ def improvements() -> str:
         for name, row in probabilities().items()
     ]
     return table(("against", "without noise", *NOISE.values()), rows)
+
+
+def improvements_by_task() -> str:
+    """Returns the same by robot, and on the seeds that nobody had looked at before."""
+    sets = (("swimmer", 0), ("walker", 0), ("swimmer", UNSEEN))
+    found = [probabilities(*each) for each in sets]
+    kinds = ("without", "median")
+    rows = [
+        (_label(name), *(_with_interval(each[name], kind) for each in found for kind in kinds))
+        for name in found[-1]
+    ]
+    labels = (f"{task}{f', seeds {first} to 19' if first else ''}" for task, first in sets)
+    names = ("without noise", "with noise")
+    return table(("against", *(f"{each}, {name}" for each in labels for name in names)), rows)
 
 
 def _label(method: str) -> str:
@@ -364,6 +400,70 @@ def fresh_seeds() -> str:
     return table(("what", f"{len(own)} fresh seeds"), shown)
 
 
+def parts(differences: bool = False) -> str:
+    """Returns the table of vgps and its variants, or of what each variant has beyond vgps.
+
+    It has the seeds with which all variants were trained. Of differences a cell also says how
+    probable it is that a seed of the variant is better.
+    """
+    own = {(row["variant"], row["seed"]): row for row in parts_rows()}
+    seeds = sorted({seed for _, seed in own if all((name, seed) in own for name in VARIANTS)})
+    if not seeds:
+        return "No training has ended yet.\n"
+    trained = {name: [own[name, seed] for seed in seeds] for name in VARIANTS}
+    sides = {name: [_judged(row) for row in rows] for name, rows in trained.items()}
+    pairs = [(i, i) for i in range(len(seeds))]
+    found = {n: compare_figures([side, sides[WHOLE]], pairs) for n, side in sides.items()}
+    names = [name for name in VARIANTS if name != WHOLE or not differences]
+    shown = []
+    for i, row in enumerate(found[WHOLE]):
+        cells = [[found[name][i][c] for c in ("A less B", "A better")] for name in names]
+        if not differences:
+            cells = [[found[name][i]["A"]] for name in names]
+        form = "{:+.3f} ({:+.3f} to {:+.3f})" if differences else "{:.3f} ({:.3f} to {:.3f})"
+        forms = (form, "{:.2f} ({:.2f} to {:.2f})")
+        texts = ("; ".join(f.format(*b) for f, b in zip(forms, c, strict=False)) for c in cells)
+        shown.append((row["figure"], *texts))
+    if differences:
+        return table(("figure", *names), shown)
+    steps = [f"{_median(trained[n], 'simulator_steps') / 1e6:.1f}" for n in names]
+    minutes = [f"{_median(trained[n], 'core_seconds') / 60:.0f}" for n in names]
+    failed = [str(sum("error" in row for row in trained[n])) for n in names]
+    shown += [("million simulator steps, median", *steps), ("core minutes, median", *minutes)]
+    shown += [("failed by an error", *failed)]
+    made = {key: _listed(row[key] for row in own.values()) for key in ("commit", "machine")}
+    head = f"Seeds {_listed(map(str, seeds))}; commit {made['commit']}; {made['machine']}.\n\n"
+    return head + table(("figure", *names), shown)
+
+
+def _judged(row: dict[str, Any]) -> dict[str, float]:
+    """Returns the figures of a training; one that failed by an error counts as one that fell."""
+    sound = next((r for r in parts_rows() if "error" not in r), row)
+    groups = row if "error" not in row else sound
+    found = {
+        "obeys while commands change": groups["changing"]["obeys"][-1],
+        "obeys at 25 commands": groups["all_commands"]["obeys"][-1],
+    }
+    found |= {
+        f"error {name} at 25 commands": e for name, e in groups["all_commands"]["rms"].items()
+    }
+    for kind, (key, name) in TRIED.items():
+        values = zip(groups[kind]["values"], groups[kind][key], strict=True)
+        found |= {name.format(value): share for value, share in values}
+    fallen = {name: np.inf if name.startswith("error") else 0.0 for name in found}
+    return (
+        fallen if "error" in row else {n: fallen[n] if v is None else v for n, v in found.items()}
+    )
+
+
+def _median(trained: Sequence[dict[str, Any]], name: str) -> float:
+    return float(np.median([row[name] for row in trained if name in row]))
+
+
+def _listed(texts: Iterable[str]) -> str:
+    return ", ".join(dict.fromkeys(texts))
+
+
 def _of_others() -> list[str]:
     return [n for n in robots() if n not in OWN and not n.startswith(ALONE)]
 
@@ -371,6 +471,7 @@ def _of_others() -> list[str]:
 TABLES: dict[str, Callable[[], str]] = {
     **{f"Figure 1, {name}": partial(panel, name) for name in PANELS},
     "probability of improvement": improvements,
+    "probability of improvement by robot": improvements_by_task,
     "claims": claims,
     "defaults": defaults,
     "policies": policies,
@@ -381,6 +482,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "past the paper": past_the_paper,
     "legs": legs,
     "fresh seeds of the quadruped": fresh_seeds,
+    "parts of vgps": parts,
+    "differences by parts of vgps": partial(parts, differences=True),
 }
 
 

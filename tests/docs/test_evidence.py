@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks import evidence
 from benchmarks.evidence import PAGES, TABLE, TABLES, written
+from benchmarks.parts import VARIANTS, WHOLE
 from vgps_ros.programs.__main__ import COMMANDS
 
 ROOT = Path(__file__).parents[2]
@@ -112,6 +114,50 @@ def test_a_figure_that_its_page_does_not_have_is_found(tmp_path):
         "- 0.76 and 1234 of 91 ([rows](rows.md))\n- .77\n  here ([rows](rows.md))\n- 5\n"
     )
     assert list(untraced(page).values()) == [set(), {0.77}]
+
+
+def training(variant: str, seed: int, share: float) -> dict[str, object]:
+    """Returns a row as of `benchmarks.parts`, whose shares are all alike."""
+    held = {"survival": [1.0], "obeys": [share], "rms": {"forward": 1.0 - share}}
+    tried = {
+        kind: {"values": [1.0], "survival": [share], "obeys": [share]} for kind in evidence.TRIED
+    }
+    made = {"commit": "1234abc", "machine": "x86_64", "simulator_steps": 1e6, "core_seconds": 60}
+    return {
+        "variant": variant,
+        "seed": seed,
+        "all_commands": held,
+        "changing": held,
+        **tried,
+        **made,
+    }
+
+
+def test_differences_of_parts_are_of_pairs_of_whole_seeds(monkeypatch):
+    rows = [
+        training(name, seed, share - 0.1 * (name != WHOLE))
+        for seed, share in ((9101, 0.5), (9102, 0.9))
+        for name in VARIANTS
+    ]
+    rows.append(training(WHOLE, 9103, 0.0))  # whose variants are still to come
+    monkeypatch.setattr(evidence, "parts_rows", lambda: rows)
+    figures, differences = evidence.parts(), evidence.parts(differences=True)
+    assert "Seeds 9101, 9102; commit 1234abc" in figures
+    assert "| obeys at 25 commands | 0.700 (0.500 to 0.900) | 0.600 (0.400 to 0.800) |" in figures
+    # The same of each pair, while a seed of the variant is better than one of vgps in 1 of 4 pairs.
+    assert "| obeys at 25 commands | -0.100 (-0.100 to -0.100); 0.25" in differences
+    assert "| error forward at 25 commands | +0.100 (+0.100 to +0.100); 0.25" in differences
+
+
+def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch):
+    rows = [training(name, 9101, 0.5) for name in VARIANTS]
+    failed = {"variant": "with memory", "seed": 9101, "commit": "1234abc", "machine": "x86_64"}
+    rows = [row for row in rows if row["variant"] != "with memory"] + [failed | {"error": 1}]
+    monkeypatch.setattr(evidence, "parts_rows", lambda: rows)
+    (line,) = [text for text in evidence.parts().splitlines() if "obeys at 25" in text]
+    assert line.split(" | ")[5] == "0.000 (0.000 to 0.000)"
+    (line,) = [text for text in evidence.parts().splitlines() if "failed" in text]
+    assert line == "| failed by an error | 0 | 0 | 0 | 0 | 1 | 0 |"
 
 
 @pytest.fixture(scope="module")

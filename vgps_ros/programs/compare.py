@@ -57,7 +57,7 @@ def run(arguments: argparse.Namespace) -> None:
         "task": task.name,
         "runs": [[str(path) for path in side] for side in paths],
         "pairs": pairs,
-        "figures": _compare([[_figures(result) for result in side] for side in results], pairs),
+        "figures": compare_figures([[*map(_figures, side)] for side in results], pairs),
         "falls_of_one": _falls(results, pairs or [(0, 0)]),
     }
     if arguments.fall:
@@ -105,7 +105,7 @@ def _figures(result: dict[str, Any]) -> dict[str, float | None]:
     return found
 
 
-def _compare(
+def compare_figures(
     sides: list[list[dict[str, float | None]]], pairs: list[tuple[int, int]]
 ) -> list[dict[str, Any]]:
     """Returns a row for each figure that all trainings have."""

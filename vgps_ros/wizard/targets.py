@@ -23,7 +23,7 @@ def set_box(robot: Robot) -> None:
     no box, nor one whose own motors cannot bring the tip to all its corners.
     """
     model, data = robot.model, copy(robot.data)
-    is_for_more = find_target(robot) or free_object_joint(robot) is not None or loops_of(model)
+    is_for_more = _find_target(robot) or free_object_joint(robot) is not None or loops_of(model)
     if robot.kind != "arm" or is_for_more or not robot.in_tree(model.geom_bodyid).any():
         return
     kind, name = next(iter(_tip(robot).items()))
@@ -102,7 +102,7 @@ def target_sensor(robot: Robot) -> dict[str, Any] | None:
     """
     if robot.box:
         return {"type": "framepos"} | _tip(robot)
-    model, target, thing = robot.model, find_target(robot), free_object_joint(robot)
+    model, target, thing = robot.model, _find_target(robot), free_object_joint(robot)
     own = np.flatnonzero(robot.in_tree(model.geom_bodyid))
     if target is None or robot.kind not in ("arm", "hand", "swimmer") or not own.size:
         return None
@@ -118,7 +118,7 @@ def target_sensor(robot: Robot) -> dict[str, Any] | None:
     return None if is_turned else {"type": "framepos", "xbody": body} | goal
 
 
-def find_target(robot: Robot) -> tuple[str, str, Array] | None:
+def _find_target(robot: Robot) -> tuple[str, str, Array] | None:
     """Returns the first thing whose name says `target`: its kind, its name, and its place [m]."""
     model, data = robot.model, robot.data
     of_kinds = {"geom": model.geom_bodyid, "site": model.site_bodyid, "body": range(model.nbody)}
@@ -144,7 +144,7 @@ def _tip(robot: Robot) -> dict[str, str]:
 
 def target_distance(robot: Robot) -> float:
     """Returns the distance from the robot to its target, or 1 without one [m]."""
-    target = find_target(robot)
+    target = _find_target(robot)
     return float(np.linalg.norm(target[2] - robot.data.xpos[robot.root])) if target else 1.0
 
 
