@@ -226,7 +226,7 @@ class StateMessages:
             names = tuple(activations.name)
             values = finite_array("activations.position", activations.position, (len(names),))
             x[self._layout.first_activation :] = values[name_order(names, tuple(self._actuators))]
-        return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
+        return finite_array("The state", x, x.shape) if base or self._bodies else x  # may overflow
 
     def _read_imu(self, x: Array, imu: Any) -> None:
         """Writes orientation and angular velocity of the base to x; its place is the origin."""

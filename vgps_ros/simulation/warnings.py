@@ -25,7 +25,7 @@ _KINDS = {
 
 def warnings_of(simulations: Iterable[mujoco.MjData]) -> Counter[str]:
     """Returns how often MuJoCo has warned in these simulations since they were made, by kind."""
-    counts = np.sum([data.warning.number for data in simulations], axis=0)
+    counts = sum((data.warning.number for data in simulations), np.zeros(len(_KINDS), dtype=int))
     if not counts.any():
         return Counter()
     return Counter({kind: int(counts[at]) for at, kind in _KINDS.items() if counts[at]})
