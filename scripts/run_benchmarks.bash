@@ -5,6 +5,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 # shellcheck source=env.bash
 source env.bash
+unset PYTHONDONTWRITEBYTECODE # else each start compiles the libraries' source again
 
 # install PYTHON NAME SIZE: installs what requirements/NAME.txt lists.
 install() {

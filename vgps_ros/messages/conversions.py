@@ -290,11 +290,11 @@ def state_to_msg(
     state: Array, joint_names: Sequence[str], stamp: Time, efforts: Array | None = None
 ) -> JointState:
     """Returns (positions, velocities) as joint states, with efforts [N·m] where known."""
-    n = len(joint_names)
-    message = JointState(name=list(joint_names), position=pack(state[:n]), velocity=pack(state[n:]))
+    n, message = len(joint_names), JointState()
+    message.header.stamp, message.name = stamp, list(joint_names)
+    message.position, message.velocity = pack(state[:n]), pack(state[n:])
     if efforts is not None:
         message.effort = pack(efforts)
-    message.header.stamp = stamp
     return message
 
 
@@ -324,10 +324,10 @@ def command_to_msg(control: Array, controls: Controls, stamp: Time) -> JointStat
 
     NaN stands in a field that is not that of a control.
     """
-    values = controls.at_joints(control)
-    fields = {k: pack(np.where(mask, values, np.nan)) for k, mask in controls.fields.items()}
-    message = JointState(name=list(controls.names), **fields)
-    message.header.stamp = stamp
+    values, message = controls.at_joints(control), JointState()
+    message.header.stamp, message.name = stamp, list(controls.names)
+    for name, mask in controls.fields.items():
+        setattr(message, name, pack(np.where(mask, values, np.nan)))
     return message
 
 
@@ -346,16 +346,16 @@ def command_from_msg(message: JointState, controls: Controls) -> Array:
         """Returns a field's values where they are needed, or where it has any; otherwise zero."""
         values = np.array(getattr(message, name), dtype=float)
         if needed is None:
-            values = values if len(values) else np.full(len(message.name), np.nan)
-            needed = np.ones(len(order), dtype=bool)
+            if not len(values):
+                return np.zeros(len(order))
             values[np.isnan(values)] = 0.0
         if len(values) == len(message.name):
-            own = np.where(needed, values[order], 0.0)
+            own = values[order] if needed is None else np.where(needed, values[order], 0.0)
             values[:] = 0.0
             values[order] = own
         return finite_array(f"joint_command.{name}", values, (len(message.name),))[order]
 
-    values = np.sum([field(*each) for each in controls.fields.items()], axis=0)
+    values = sum((field(*each) for each in controls.fields.items()), np.zeros(len(order)))
     control = controls.from_joints(values)
     if "position" not in controls.fields:
         return control

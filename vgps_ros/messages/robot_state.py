@@ -158,7 +158,7 @@ class StateMessages:
 
     def split(self, x: Array, stamp: Time, efforts: Array | None = None) -> dict[str, Any]:
         """Returns the messages by topic, with efforts of the joints [N·m, N] where known."""
-        messages = {topic: kind() for topic, kind in self.topics.items()}
+        messages = {topic: kind() for topic, kind in self.topics.items() if topic != JOINTS}
         messages[JOINTS] = state_to_msg(x[self._joints], self.joint_names, stamp, efforts)
         if self.base:
             odometry = messages[ODOMETRY]
@@ -226,7 +226,7 @@ class StateMessages:
             names = tuple(activations.name)
             values = finite_array("activations.position", activations.position, (len(names),))
             x[self._layout.first_activation :] = values[name_order(names, tuple(self._actuators))]
-        return finite_array("The state", x, x.shape)  # turning a huge velocity may overflow
+        return finite_array("The state", x, x.shape) if base or self._bodies else x  # may overflow
 
     def _read_imu(self, x: Array, imu: Any) -> None:
         """Writes orientation and angular velocity of the base to x; its place is the origin."""
@@ -345,7 +345,8 @@ class _JointParts:
         self._parts = [
             part
             for part in self._parts
-            if self._is_near(part, stamp) and not names.issuperset(part.name)
+            if abs(nanoseconds(part.header.stamp) - stamp) <= self._tolerance
+            and not names.issuperset(part.name)
         ]
         self._parts.append(message)
         if self._states.lacking_joints({name for part in self._parts for name in part.name}):
@@ -363,9 +364,6 @@ class _JointParts:
             return ""
         strange = f" (one came with {quote(self._strange)})" if self._strange else ""
         return f"{JOINTS} with {', '.join(lacking)}{strange}"
-
-    def _is_near(self, part: Any, stamp: int) -> bool:
-        return abs(nanoseconds(part.header.stamp) - stamp) <= self._tolerance
 
     def _with_velocities(self, message: Any, stamp: int) -> Any | None:
         """Returns a message with velocities; None for the first one of some joints."""

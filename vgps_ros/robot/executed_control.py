@@ -56,7 +56,7 @@ class ExactMean:
             weights = parameters[start:end].reshape(n_out, n_in).T.copy()
             start = end + n_out * has_bias
             bias = parameters[end:start] if has_bias else np.zeros(n_out)
-            self._layers.append((weights, bias))
+            self._layers.append((weights[:, None], bias))
 
     def __call__(self, inputs: Array) -> Array:
         """Returns μ(o), shape (..., n_u), for o of shape (..., n_o)."""
@@ -64,7 +64,7 @@ class ExactMean:
         for i, (weights, bias) in enumerate(self._layers):
             terms = np.empty((1 + len(weights), len(a), len(bias)))
             terms[0] = bias
-            np.multiply(a.T[..., None], weights[:, None], out=terms[1:])
+            np.multiply(a.T[..., None], weights, out=terms[1:])
             z = np.add.accumulate(terms, axis=0)[-1]  # one after another
             a = _activate(self._activation, z) if i < last else z
         return a.reshape(*inputs.shape[:-1], -1)
@@ -229,6 +229,7 @@ LOG_2_HIGH, LOG_2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 # Power series without their first term: exp(r) = 1 + Σ c_k r^k and artanh(s) / s = 1 + Σ c_k s^2k.
 EXP = tuple(1.0 / factorial(k) for k in range(1, 15))
 ARTANH = tuple(1.0 / k for k in range(3, 35, 2))
+_EXP, _ARTANH = np.array(EXP), np.array(ARTANH)
 
 
 def _activate(activation: str, z: Array) -> Array:
@@ -245,17 +246,16 @@ def _exp(z: Array) -> Array:
     """Returns exp(z) for z ≤ 0: 2^n times the series at r = z − n log 2, |r| ≤ 0.35."""
     n = np.floor(np.fmax(z, SMALLEST_EXPONENT) * INVERSE_LOG_2 + 0.5)
     r = (np.maximum(z, SMALLEST_EXPONENT) - n * LOG_2_HIGH) - n * LOG_2_LOW
-    return np.asarray(np.ldexp(_series(EXP, r), n.astype(np.int32)))
+    return np.asarray(np.ldexp(_series(_EXP, r), n.astype(np.int32)))
 
 
 def _log1p(y: Array) -> Array:
     """Returns log(1 + y) for y in [0, 1]: 2 artanh(s) with s = y / (2 + y), |s| ≤ 1/3."""
     s = y / (2.0 + y)
-    return np.asarray(2.0 * s * _series(ARTANH, s * s))
+    return np.asarray(2.0 * s * _series(_ARTANH, s * s))
 
 
-def _series(coefficients: tuple[float, ...], x: Array) -> Array:
+def _series(coefficients: Array, x: Array) -> Array:
     """Returns 1 + Σ c_k x^k; the first two terms, which are large, are added last."""
-    powers = np.multiply.accumulate(np.repeat(x[None], len(coefficients), axis=0))
-    terms = np.array(coefficients).reshape(-1, *[1] * x.ndim) * powers
-    return np.asarray(1.0 + (terms[0] + np.add.accumulate(terms[1:])[-1]))
+    terms = coefficients * np.multiply.accumulate(x[..., None].repeat(coefficients.size, -1), -1)
+    return np.asarray(1.0 + (terms[..., 0] + np.add.accumulate(terms[..., 1:], axis=-1)[..., -1]))

@@ -26,30 +26,30 @@ class StateLimits:
         self._settings, self._layout = settings, layout
         base = layout.base
         self._up = vertical(base.parts(upright)[1]) if base else np.zeros(3)
-        lowest, highest = layout.ranges
-        margin = settings.joint_margin or np.inf
-        self._lowest, self._highest = lowest - margin, highest + margin
+        margin, fastest = settings.joint_margin or np.inf, settings.joint_speed_limit or np.inf
+        ends = zip(layout.ranges, (-margin, margin), (-fastest, fastest), strict=True)
+        count = len(layout.joints)
+        self._lowest, self._highest = (np.append(e + m, np.full(count, v)) for e, m, v in ends)
 
     def misread(self, state: Array) -> str:
         """Says which joint of a state (n_x,) cannot be where, or as fast as, it was measured."""
-        layout, settings = self._layout, self._settings
-        positions, velocities = np.split(state[layout.joint_places], 2)
-        if (strange := (positions < self._lowest) | (positions > self._highest)).any():
-            i = int(np.argmax(strange))
-            low, high = layout.ranges[:, i]
+        layout, measured = self._layout, state[self._layout.joint_places]
+        strange = (measured < self._lowest) | (measured > self._highest)
+        if not strange.any():
+            return ""
+        velocity, i = divmod(int(np.argmax(strange)), len(layout.joints))
+        if velocity:
             return (
-                f"{layout.joints[i]} is measured at {positions[i]:.4g}, but its range is "
-                f"{low:.4g} to {high:.4g}; check the zero, the unit and the order of the driver's "
-                "joints, or raise joint_margin."
+                f"{layout.joints[i]} is measured to move at {measured[strange][0]:.4g} in a "
+                f"second, but joint_speed_limit is {self._settings.joint_speed_limit:g}; check the "
+                "driver's velocities, or raise it."
             )
-        fastest = settings.joint_speed_limit or np.inf
-        if (strange := np.abs(velocities) > fastest).any():
-            i = int(np.argmax(strange))
-            return (
-                f"{layout.joints[i]} is measured to move at {velocities[i]:.4g} in a second, but "
-                f"joint_speed_limit is {fastest:g}; check the driver's velocities, or raise it."
-            )
-        return ""
+        low, high = layout.ranges[:, i]
+        return (
+            f"{layout.joints[i]} is measured at {measured[i]:.4g}, but its range is "
+            f"{low:.4g} to {high:.4g}; check the zero, the unit and the order of the driver's "
+            "joints, or raise joint_margin."
+        )
 
     def tilted(self, state: Array) -> str:
         """Says how far the base of a state (n_x,) is tilted, if it is too far for a policy."""

@@ -81,7 +81,8 @@ class JointForces:
     def __call__(self, state: Array, control: Array) -> Array:
         """Returns the forces [N·m, N] of a control u in a state x, one for each joint."""
         model, data = self._model, self._data
-        data.qpos[:], data.qvel[:], data.act[:] = np.split(state, [model.nq, model.nq + model.nv])
+        nq, n = model.nq, model.nq + model.nv
+        data.qpos[:], data.qvel[:], data.act[:] = state[:nq], state[nq:n], state[n:]
         data.ctrl[:] = control
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)

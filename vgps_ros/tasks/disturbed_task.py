@@ -16,7 +16,6 @@ from functools import lru_cache
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vgps_ros.core.checks import find_name
 from vgps_ros.core.errors import InvalidInputError
@@ -274,6 +273,8 @@ def _slope(spec: mujoco.MjSpec, angles: tuple[float, float]) -> None:
     Each sensor of a frame's direction in the world, or of the world's in a frame, gets another one
     beside it, which measures it from the vertical.
     """
+    from scipy.spatial.transform import Rotation  # whose import would delay each node's start
+
     up = np.array([np.tan(angles[0]), np.tan(angles[1]), 1.0])
     up /= np.linalg.norm(up)
     spec.option.gravity = -np.linalg.norm(spec.option.gravity) * up

@@ -6,6 +6,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
@@ -33,9 +34,6 @@ from vgps_ros.ros_runtime.health import Health
 from vgps_ros.ros_runtime.parameters import declare, declare_settings, graph_names
 from vgps_ros.ros_runtime.qos import CALLS, LATEST, STREAM, lively
 from vgps_ros.ros_runtime.runner import Runnable
-from vgps_ros.search.checkpoints import Checkpoints, Run
-from vgps_ros.search.iteration import RemainingTime, SearchState
-from vgps_ros.search.methods import search
 from vgps_ros.search.settings import METHOD, SearchSettings, architecture, search_settings
 from vgps_ros.search.trajectory_optimization import prepare
 from vgps_ros.tasks import make_task
@@ -52,26 +50,6 @@ CHECKPOINT_FOLDER = Setting(
     "folder in which each training is kept as it goes: where the learner was killed, the same goal "
     "goes on after the last whole iteration; empty: it begins anew",
 )
-
-
-class _KeptTraining(Checkpoints):
-    """Checkpoints whose failure is reported, but stops no training."""
-
-    def __init__(self, folder: Path, node: Node, health: Health):
-        super().__init__(folder, node.get_logger().info)
-        self._health = health
-
-    def save(self, run: Run, state: SearchState) -> None:
-        """Writes a checkpoint if it can."""
-        try:
-            super().save(run, state)
-            self._health.clear("checkpoints")
-        except OSError as error:
-            sentence = (
-                f"The training goes on, but no checkpoint can be written to '{self.folder}' "
-                f"({error.strerror}): make room, or make it writable."
-            )
-            self._health.report("checkpoints", error=sentence)
 
 
 class PolicyLearner(Node):
@@ -178,6 +156,10 @@ class PolicyLearner(Node):
 
     def _run(self, goal: ServerGoalHandle, result: TrainPolicy.Result) -> None:
         """Runs the search and fills in the result as it goes."""
+        # Not before the first training: torch takes seconds to import.
+        from vgps_ros.search.iteration import RemainingTime
+        from vgps_ros.search.methods import search
+
         seed = int(goal.request.seed)
         settings = self._settings_of(goal.request)
 
@@ -186,10 +168,6 @@ class PolicyLearner(Node):
 
         if self._robots:
             self._robots.is_cancelled = is_cancelled
-        checkpoints = None
-        if self._checkpoint_folder:
-            name = Run(self._method, self._task, settings, seed).name()
-            checkpoints = _KeptTraining(Path(self._checkpoint_folder, name), self, self._health)
         remaining = RemainingTime(settings.iterations)
         trouble = ""  # of the last iteration that had any
         for iteration in search(
@@ -198,7 +176,7 @@ class PolicyLearner(Node):
             settings,
             seed,
             lambda requests: self._pool.optimize_all(requests, is_cancelled),
-            checkpoints,
+            self._checkpoints(settings, seed),
         ):
             if is_cancelled():
                 raise CancelledError("The training was cancelled.")
@@ -229,6 +207,27 @@ class PolicyLearner(Node):
         result.message = f"Trained for {len(result.history)} iterations."
         if trouble:
             result.message += f" {len(result.troubled_iterations)} had trouble, last {trouble}"
+
+    def _checkpoints(self, settings: SearchSettings, seed: int) -> Any:
+        """Returns checkpoints whose failure is reported, but stops no training; or None."""
+        from vgps_ros.search.checkpoints import Checkpoints, Run
+
+        health, folder = self._health, self._checkpoint_folder
+
+        class Kept(Checkpoints):
+            def save(self, *of: Any) -> None:
+                try:
+                    super().save(*of)
+                    health.clear("checkpoints")
+                except OSError as error:
+                    sentence = (
+                        f"The training goes on, but no checkpoint can be written to '{self.folder}'"
+                        f" ({error.strerror}): make room, or make it writable."
+                    )
+                    health.report("checkpoints", error=sentence)
+
+        name = Run(self._method, self._task, settings, seed).name()
+        return Kept(Path(folder, name), self.get_logger().info) if folder else None
 
     def _await_readers(self) -> None:
         """Lets readers take the policy before: the topic keeps one, which the next one replaces."""

@@ -15,12 +15,12 @@ from vgps_ros.core.seeding import SEED, Stream, generator
 from vgps_ros.core.settings import Range, Setting
 from vgps_ros.messages.conversions import stamp_of
 from vgps_ros.messages.robot_state import IMU, StateMessages, put
+from vgps_ros.nodes.simulation.robot import SimulatedRobot
 from vgps_ros.robot.bodies import BACK, product, rotate
 from vgps_ros.ros_runtime.parameters import declare
 from vgps_ros.ros_runtime.qos import STATES, lively
 
 _FIELDS, _AXES = ("orientation", "angular_velocity", "linear_acceleration"), ("wxyz", "xyz", "xyz")
-
 
 IMU_NOISE = Setting(
     "imu_noise",
@@ -51,18 +51,18 @@ class SimulatedImu:
             for name, three in zip(_FIELDS, (self._noise**2).reshape(3, 3), strict=True):
                 setattr(self._message, f"{name}_covariance", np.diag(three).ravel())
 
-    def send(self, state: Array, stamp: int) -> None:
-        """Publishes what is measured at the time `stamp` [ns], at which the state is x."""
+    def send(self, robot: SimulatedRobot) -> None:
+        """Publishes what is measured of a robot."""
         if not self._base:
             return
-        self._measure(state, stamp)
+        self._measure(robot.state, robot.stamp)
         values = self._values
         if self._noise.any():
-            errors = self._noise * generator(self._seed, Stream.IMU, stamp).standard_normal(9)
+            errors = self._noise * generator(self._seed, Stream.IMU, robot.stamp).standard_normal(9)
             half = np.concatenate([[1.0], 0.5 * errors[:3]])
             turned = product(values[:4], half / np.linalg.norm(half))
             values = np.concatenate([turned, values[4:] + errors[3:]])
-        self._message.header.stamp = stamp_of(stamp)
+        self._message.header.stamp = stamp_of(robot.stamp)
         for name, axes, part in zip(_FIELDS, _AXES, np.split(values, [4, 7]), strict=True):
             put(getattr(self._message, name), axes, part)
         self._publisher.publish(self._message)

@@ -147,7 +147,7 @@ class SimulationNode(Node):
 
     def _publish(self) -> None:
         self._clocks.publish(ClockMsg(clock=stamp_of(self.robot.stamp)))
-        self._imu.send(self.robot.state, self.robot.stamp)
+        self._imu.send(self.robot)
         for topic, message in self.robot.messages.items():
             self._states[topic].publish(message)
         self._frames.send(self.robot.state, self.robot.stamp)  # while the controller computes
@@ -238,7 +238,8 @@ class SimulationNode(Node):
             )
             self._health.report("command", error=sentence)
         else:
-            self._command_age.held(self.robot.steps_since(self._held_stamp))
+            age = (self.robot.stamp - self._held_stamp) * 1e-9
+            self._command_age.held(round(age / self._task.dynamics.time_step))
         self._advance(self._held)
 
     def _repeat(self) -> None:

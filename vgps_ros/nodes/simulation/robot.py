@@ -1,6 +1,8 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """The robot that the node `simulation` holds: its state, its time, its limits."""
 
+from functools import cached_property
+
 import mujoco
 import numpy as np
 
@@ -19,7 +21,7 @@ class SimulatedRobot:
 
     Attributes:
         messages: the messages of the state by topic, with the efforts that led to it.
-        state: x as the messages say it, shape (n_x,); the next step starts from it.
+        stamp: simulated time [ns]; from a count of steps, so that it does not drift.
         control: the controls that led to the state, shape (n_u,); those at rest after a reset.
         previous_stamp: time of the state before this one [ns].
     """
@@ -36,14 +38,10 @@ class SimulatedRobot:
         self._enter(state, self._at_rest)
         self.control = self.resting()
 
-    @property
-    def stamp(self) -> int:
-        """Simulated time [ns]; from a count of steps, so that it does not drift."""
-        return round(self._steps * self._task.dynamics.time_step * 1e9)
-
-    def steps_since(self, stamp: int) -> int:
-        """Returns the number of control steps from a stamp [ns] to the robot's time."""
-        return round((self.stamp - stamp) * 1e-9 / self._task.dynamics.time_step)
+    @cached_property
+    def state(self) -> Array:
+        """The state as the messages say it, shape (n_x,); the next step starts from it."""
+        return self._states.join(self.messages)
 
     def check(self, command: Array) -> None:
         """Checks controls that come from outside.
@@ -128,5 +126,6 @@ class SimulatedRobot:
 
     def _enter(self, state: Array, efforts: Array) -> None:
         self._efforts = efforts
+        self.__dict__.pop("state", None)  # joined from these messages once it is needed
+        self.stamp = round(self._steps * self._task.dynamics.time_step * 1e9)
         self.messages = self._states.split(state, stamp_of(self.stamp), efforts)
-        self.state = self._states.join(self.messages)
