@@ -76,6 +76,16 @@ def test_a_push_gives_its_impulse_to_the_whole_robot_and_no_sooner(sled):
     assert abs(states[-1, 5]) > 0.1  # it was the arm that was pushed, so it turns
 
 
+def test_a_push_copies_no_model_and_the_same_simulations_go_on_without_it(sled):
+    task, push = sled(), Disturbance(push=(-3.0, 0.0), push_time=0.0, push_duration=2.0)
+    calm = coasted(task, Disturbance())
+    pushed = coasted(task, push)
+    assert disturb_task(task, push).dynamics.model is task.dynamics.model
+    assert not np.array_equal(pushed, calm)
+    np.testing.assert_array_equal(coasted(task, Disturbance()), calm)
+    np.testing.assert_array_equal(coasted(task, push), pushed)
+
+
 def test_a_sled_on_a_slope_slides_as_coulomb_says(sled):
     task = sled()
     for slope, factor in ((0.4, 1.0), (-0.4, 0.5)):

@@ -66,10 +66,8 @@ def _columns(task: Task, policy: GaussianPolicy) -> list[int]:
 
 def _errors(task: Task, seed: int, policy: GaussianPolicy) -> tuple[Array, Array] | None:
     """Returns E (n_a, n_a) and b (n_a,) by least squares; None where the policy falls."""
-    rng, achieved = (
-        generator(seed, Stream.JUDGEMENT, CALIBRATION),
-        list(CommandReadings.of(task).commands),
-    )
+    rng = generator(seed, Stream.JUDGEMENT, CALIBRATION)
+    achieved = list(CommandReadings.of(task).commands)
     told = np.repeat(command_grid(task.signals), _ROLLOUTS, axis=0)
     count, steps = len(told), round(_SECONDS / task.dynamics.time_step)
     space = task.dynamics.space

@@ -57,11 +57,13 @@ class CommandReadings:
     Attributes:
         commands: places of the n_a commands that a reading follows, among the n_c.
         names: names of these readings.
-        cost: the cost of these readings alone, one a command.
+        rows: their places among the cost's readings.
+        cost: the cost.
     """
 
     commands: tuple[int, ...]
     names: tuple[str, ...]
+    rows: list[int]
     cost: FeatureCost
 
     @classmethod
@@ -73,7 +75,7 @@ class CommandReadings:
         """
         cost, following = task.cost, task.cost.following
         if following is None:
-            return cls((), (), cost)
+            return cls((), (), [], cost)
         if not isinstance(cost.features, Readings):
             raise InvalidInputError(
                 f"The cost of {task.name} is not one of readings, so that what achieves a command "
@@ -84,22 +86,7 @@ class CommandReadings:
         commands = tuple(np.flatnonzero(strength.any(axis=0)).tolist())
         rows = [int(strength[:, i].argmax()) for i in commands]
         names = tuple(cost.features.names[row] for row in rows)
-        alone = replace(
-            cost,
-            features=Readings(task.dynamics.simulations, names),
-            targets=cost.targets[..., rows],
-            weights=cost.weights[..., rows],
-            smooth=cost.smooth[rows],
-            following=replace(
-                following,
-                linear=following.linear[rows],
-                lifted=following.lifted[rows],
-                moving=following.moving[rows],
-                still=following.still[rows],
-                stance=following.stance[rows],
-            ),
-        )
-        return cls(commands, names, alone)
+        return cls(commands, names, rows, cost)
 
     def errors(self, states: Array, controls: Array, context: Array) -> Array:
         """Returns e of each step, shape (N, T, n_a).
@@ -112,10 +99,12 @@ class CommandReadings:
         following = self.cost.following
         if not self.commands or following is None:
             return np.zeros((*controls.shape[:2], 0))
-        base = replace(self.cost, following=None).starting_at(0, controls.shape[1]).targets
-        read = self.cost.features(states[:, :-1], controls)
-        scale = following.linear[np.arange(len(self.commands)), self.commands]
-        return np.asarray((read - base - following.added(context)) / scale)
+        at, steps = self.rows, controls.shape[1]
+        following = replace(following, linear=following.linear[at], lifted=following.lifted[at])
+        base = replace(self.cost, following=None).starting_at(0, steps).targets
+        differences = (self.cost.features(states[:, :-1], controls) - base)[..., at]
+        scale = following.linear[np.arange(len(at)), self.commands]
+        return np.asarray((differences - following.added(context)) / scale)
 
 
 @dataclass(frozen=True)
@@ -169,15 +158,8 @@ class Trial:
 
     def of(self, rows: Sequence[int]) -> "Trial":
         """Returns some of them."""
-        misread = None if self.misread is None else self.misread[rows]
-        return replace(
-            self,
-            starts=self.starts[rows],
-            commands=self.commands[rows],
-            noise=self.noise[rows],
-            phases=None if self.phases is None else self.phases[rows],
-            misread=misread,
-        )
+        arrays = {name: a[rows] for name, a in vars(self).items() if isinstance(a, np.ndarray)}
+        return Trial(**(vars(self) | arrays))
 
 
 def behaviour(task: Task, driver: Driver, rollouts: Trial, times: Sequence[float]) -> Behaviour:
@@ -414,8 +396,9 @@ def execute_trial(task: Task, driver: Driver, rollouts: Trial) -> tuple[Array, A
     """Runs rollouts; returns states (N, T+1, n_x), controls (N, T, n_u) and z (N, T, n_z)."""
     policy, unrest, context = driver.policy, task.unrest, _contexts(task.signals, rollouts)
     observation = driver.observation.within(_contexts(task.signals.turning, rollouts))
-    names = driver.observation.readings.names
-    readings = Readings(task.dynamics.simulations, names, measured=True)
+    names, readings = driver.observation.readings.names, task.observation.readings
+    if readings.names != names:
+        readings = Readings(task.dynamics.simulations, names, measured=True)
     observation = replace(observation, readings=readings)
     noise, lag, misread = rollouts.noise, rollouts.lag, rollouts.misread
     if isinstance(policy, RememberingPolicy):

@@ -291,9 +291,8 @@ def _first_motion(
     if _stays_up(task, usual):
         rest = Trajectory(usual.states[warm:], usual.controls[warm:])
         return _join_at_start(task, start, rest)
-    return (
-        own if np.isfinite(own.states).all() else _join_at_start(task, start, _resting_motion(task))
-    )
+    is_finite = np.isfinite(own.states).all()
+    return own if is_finite else _join_at_start(task, start, _resting_motion(task))
 
 
 def _whole_cost(task: Task, motion: Trajectory) -> float:

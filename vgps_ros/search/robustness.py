@@ -34,6 +34,7 @@ from vgps_ros.simulation.model import sensor_numbers
 from vgps_ros.tasks import Task
 from vgps_ros.tasks.disturbance import Disturbance, DisturbanceSettings
 from vgps_ros.tasks.disturbed_task import (
+    UNDISTURBED,
     body_number,
     can_slide_on_ground,
     disturb_task,
@@ -155,11 +156,7 @@ def robustness(
     @cache  # each kind is tried without a disturbance too, which is the same for all kinds
     def tried(kind: str, value: float) -> dict[str, Any]:
         here, given, own = _disturbed(task, driver, kind, value, trial, seed, settings)
-        if own:
-            each = behaviours(here, driver, own, given)
-        else:
-            seconds = given.noise.shape[1] * task.dynamics.time_step
-            each = behaviour(here, driver, given, (seconds,))
+        each = behaviours(here, driver, own or [UNDISTURBED] * len(given.starts), given)
         return figures(task, each) | {"fallen": np.flatnonzero(~each.up[:, -1]).tolist()}
 
     found: dict[str, dict[str, Any]] = {}

@@ -34,6 +34,7 @@ from vgps_ros.search.renewal import drawn_push
 from vgps_ros.search.robustness import behaviours
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.tasks import Task
+from vgps_ros.tasks.disturbance import Disturbance
 from vgps_ros.tasks.disturbed_task import UNDISTURBED
 
 _LOST = 0.25  # share of the rollouts that no step may lose: four deviations of 40 at 80 %
@@ -136,6 +137,23 @@ def try_policy(
 def _success_and_loss(
     task: Task, settings: SearchSettings, seed: int, policy: GaussianPolicy
 ) -> tuple[float, float]:
+    trial, pushes = _rollouts(task, settings, seed)
+    found = behaviours(task, Driver.of(task.observation, policy), pushes, trial)
+    if not task.signals.commands:
+        return float(found.up[:, -1].mean()), _mean_cost(task, policy, trial)
+    achieved = [task.signals.commands[i] for i in CommandReadings.of(task).commands]
+    error = 0.0
+    if achieved and not found.counts.any():
+        error = np.inf
+    elif achieved:
+        ranges = np.array([c.highest - c.lowest for c in achieved])
+        error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
+    return float(found.obeys[:, -1].mean()), float(error)
+
+
+@lru_cache(maxsize=1)
+def _rollouts(task: Task, settings: SearchSettings, seed: int) -> tuple[Trial, list[Disturbance]]:
+    """Returns the rollouts in which each policy is tried, and the push of each."""
     rng, space = generator(seed, Stream.JUDGEMENT, SELECTION), task.dynamics.space
     count, steps = settings.keep.rollouts, round(settings.keep.seconds / task.dynamics.time_step)
     starts = task.initial_std * rng.standard_normal((count, space.tangent_dim))
@@ -151,17 +169,7 @@ def _success_and_loss(
     if settings.renew.push:
         before, shares = settings.keep.seconds / 2, rng.uniform(0.1, 1.0, count)
         pushes = [drawn_push(task, settings, share, before, rng) for share in shares]
-    found = behaviours(task, Driver.of(task.observation, policy), pushes, trial)
-    if not task.signals.commands:
-        return float(found.up[:, -1].mean()), _mean_cost(task, policy, trial)
-    achieved = [task.signals.commands[i] for i in CommandReadings.of(task).commands]
-    error = 0.0
-    if achieved and not found.counts.any():
-        error = np.inf
-    elif achieved:
-        ranges = np.array([c.highest - c.lowest for c in achieved])
-        error = np.average(found.squares / ranges**2, axis=0, weights=found.counts).mean()
-    return float(found.obeys[:, -1].mean()), float(error)
+    return trial, pushes
 
 
 def _mean_cost(task: Task, policy: GaussianPolicy, trial: Trial) -> float:

@@ -25,7 +25,7 @@ _PRELOADED = "vgps_ros.search.solver_processes"
 
 
 class SolverProcesses:
-    """Processes that solve requests; they start with the first ones.
+    """Processes that solve requests; they start while whoever has made them goes on.
 
     Args:
         make_task: makes the task in each process; it must be one that pickle can name.
@@ -38,6 +38,8 @@ class SolverProcesses:
         self.count = count or count_cores()
         end, self._end = context.Pipe(duplex=False)  # processes end once nobody holds its other end
         self._pool = ProcessPoolExecutor(self.count, context, _begin, (make_task, end))
+        for _ in range(self.count):
+            self._pool.submit(os.getpid)
 
     def __enter__(self) -> "SolverProcesses":
         return self

@@ -74,19 +74,12 @@ class Simulations:
         model: the robot.
         substeps: simulator steps for which one control is held.
         threads: number of threads; None for as many as there are processors.
-        push: a push of the robot, which belongs to its dynamics.
 
     Raises:
         InvalidInputError: a state of the model is more than (qpos, qvel, act).
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        substeps: int = 1,
-        threads: int | None = None,
-        push: BodyPush = NO_PUSH,
-    ):
+    def __init__(self, model: mujoco.MjModel, substeps: int = 1, threads: int | None = None):
         check_supported(model)
         self.model = model = copy(model)
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -94,15 +87,22 @@ class Simulations:
         self.substeps = substeps
         cores = 1 if _others_use_the_cores else count_cores()
         self.threads = threads or cores
+        self._push = NO_PUSH
         self._data = [mujoco.MjData(model) for _ in range(self.threads)]
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:
-            self._idle.put(_compiled_simulation(model, data, substeps, push))
+            self._idle.put(_compiled_simulation(model, data, substeps))
         sizes = model.nv, model.nbody, model.na, model.nu
         self.closed_forms = {
             data._address: (mechanism_of(model, data), tangents(*sizes)) for data in self._data
         }
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
+
+    def pushed(self, push: BodyPush) -> "Simulations":
+        """Returns the same simulations, which push the robot when they are used through it."""
+        pushed = copy(self)
+        pushed._push = push
+        return pushed
 
     def warnings(self) -> Counter[str]:
         """Returns how often MuJoCo has warned in these simulations so far, by kind."""
@@ -125,13 +125,13 @@ class Simulations:
         """Does a piece of work in this thread."""
         simulation = self._idle.get()
         try:
-            return work(simulation, *arguments)
+            return work(simulation._replace(push=self._push), *arguments)
         finally:
             self._idle.put(simulation)
 
 
 def _compiled_simulation(
-    model: mujoco.MjModel, data: mujoco.MjData, substeps: int, push: BodyPush
+    model: mujoco.MjModel, data: mujoco.MjData, substeps: int
 ) -> CompiledSimulation:
     """Returns the arrays of a simulation, and the addresses of its records, for the loops."""
     arrays = (
@@ -140,7 +140,7 @@ def _compiled_simulation(
         *(data.qacc, data.qfrc_actuator),
     )
     rates = data.qDeriv, model.D_rownnz, model.D_rowadr, model.D_colind
-    rest = substeps, step_structure(model), *rates, data.xfrc_applied, push
+    rest = substeps, step_structure(model), *rates, data.xfrc_applied, NO_PUSH
     return CompiledSimulation(model._address, data._address, *arrays, *rest)
 
 
@@ -170,7 +170,6 @@ class Dynamics:
         substeps: simulator steps for which one control is held.
         eps: perturbation of the finite differences.
         threads: threads that share finite differences and rollouts; their number changes no result.
-        push: a push of the robot, by which f depends on the step too, as f_t.
 
     Raises:
         InvalidInputError: a state of the model is more than (qpos, qvel, act).
@@ -182,9 +181,8 @@ class Dynamics:
         substeps: int = 1,
         eps: float = _EPS,
         threads: int | None = None,
-        push: BodyPush = NO_PUSH,
     ):
-        self.simulations = Simulations(model, substeps, threads, push)
+        self.simulations = Simulations(model, substeps, threads)
         self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
         self.eps = eps
@@ -211,6 +209,12 @@ class Dynamics:
     def state_dim(self) -> int:
         """n_x."""
         return self.space.state_dim
+
+    def pushed(self, push: BodyPush) -> "Dynamics":
+        """Returns these dynamics under a push, by which f depends on the step too, as f_t."""
+        pushed = copy(self)
+        pushed.simulations = self.simulations.pushed(push)
+        return pushed
 
     def warnings(self) -> Counter[str]:
         """Returns how often MuJoCo has warned in these dynamics so far, by kind."""

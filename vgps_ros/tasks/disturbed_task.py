@@ -22,7 +22,7 @@ from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.core.observation import StateReadings
 from vgps_ros.core.records import Array
 from vgps_ros.robot.bodies import UP
-from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush
+from vgps_ros.simulation.compiled_states import BodyPush
 from vgps_ros.simulation.controls import closed_loops
 from vgps_ros.simulation.dynamics import Dynamics
 from vgps_ros.simulation.model import are_motors, compile_model
@@ -53,8 +53,15 @@ def disturb_task(task: Task, disturbance: Disturbance) -> Task:
         )
     if disturbance.changes_model:
         model = _disturbed_model(task.mjcf, body_names(task.mjcf)[body], disturbance)
-    push = _push(disturbance, body, task.dynamics.time_step)
-    return on_dynamics(task, Dynamics(model, task.dynamics.substeps, push=push))
+        task = on_dynamics(task, Dynamics(model, task.dynamics.substeps))
+    if not any(disturbance.push):
+        return task
+    period = task.dynamics.time_step
+    first = round(disturbance.push_time / period)
+    steps = max(1, round(disturbance.push_duration / period))
+    force = np.array([*disturbance.push, 0.0]) / (steps * period)
+    push = BodyPush(body, first, first + steps, force)
+    return replace(task, dynamics=task.dynamics.pushed(push))
 
 
 def on_dynamics(task: Task, dynamics: Dynamics) -> Task:
@@ -138,15 +145,6 @@ def body_number(task: Task, name: str) -> int:
         return int(np.argmax(task.dynamics.model.body_mass))
     names = body_names(task.mjcf)[1:]
     return 1 + names.index(find_name("body", name, names))
-
-
-def _push(disturbance: Disturbance, body: int, time_step: float) -> BodyPush:
-    if not any(disturbance.push):
-        return NO_PUSH
-    first = round(disturbance.push_time / time_step)
-    steps = max(1, round(disturbance.push_duration / time_step))
-    force = np.array([*disturbance.push, 0.0]) / (steps * time_step)
-    return BodyPush(body, first, first + steps, force)
 
 
 def _direction(task: Task, body: int, share: float) -> Array:
