@@ -28,7 +28,10 @@ OTHERS = {
     "humanoid": ("gymnasium", "envs/mujoco/assets/humanoid.xml"),
 }
 _OPTIONS = {
-    **{"timestep": 0.004, "iterations": 100, "ls_iterations": 50, "tolerance": 1e-10},
+    "timestep": 0.004,
+    "iterations": 100,
+    "ls_iterations": 50,
+    "tolerance": 1e-10,
     "integrator": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
     "solver": mujoco.mjtSolver.mjSOL_NEWTON,
 }
