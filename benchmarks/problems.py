@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import mujoco
 import numpy as np
 
 from vgps_ros.core.ddp.solve import Iteration
@@ -14,11 +15,23 @@ from vgps_ros.search.optimization_request import OptimizationRequest, first_requ
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import OptimizationResult
 from vgps_ros.simulation.dynamics import Dynamics
+from vgps_ros.simulation.packages import package_folders
 from vgps_ros.tasks import Task, make_task
 from vgps_ros.tasks.disturbed_task import on_dynamics
 
 SEED = 11
 TASKS = ("swimmer", "walker")
+# Robots that packages of others bring (`requirements/robots.txt`), by package and file.
+OTHERS = {
+    "Go1": ("mjlab", "asset_zoo/robots/unitree_go1/xmls/go1.xml"),
+    "G1, 29 joints": ("mjlab", "asset_zoo/robots/unitree_g1/xmls/g1.xml"),
+    "humanoid": ("gymnasium", "envs/mujoco/assets/humanoid.xml"),
+}
+_OPTIONS = {
+    **{"timestep": 0.004, "iterations": 100, "ls_iterations": 50, "tolerance": 1e-10},
+    "integrator": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "solver": mujoco.mjtSolver.mjSOL_NEWTON,
+}
 
 
 def with_threads(task: Task, threads: int, kind: type[Dynamics] = Dynamics) -> Task:
@@ -46,6 +59,37 @@ def moving(name: str) -> tuple[Task, Trajectory]:
     """Returns a task and a motion that a few iterations have found."""
     task = make_task(name)
     return task, optimize(task, 5).distribution.mean
+
+
+def standing(package: str, file: str) -> tuple[Dynamics, Trajectory]:
+    """Returns a robot of others, and 40 steps in which it stands on a floor with noisy motors.
+
+    Joints of a robot that brings no motors get servos.
+    """
+    spec = mujoco.MjSpec.from_file(str(package_folders(package)[0] / file))
+    if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1])
+    if not spec.actuators:
+        for joint in spec.joints:
+            if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+                spec.add_actuator(name=joint.name, target=joint.name).set_to_position(kp=60, kv=2)
+                spec.actuators[-1].trntype = mujoco.mjtTrn.mjTRN_JOINT
+    for name, value in _OPTIONS.items():
+        setattr(spec.option, name, value)
+    model = spec.compile()
+    data, dynamics = mujoco.MjData(model), Dynamics(model, threads=1)
+    mujoco.mj_forward(model, data)
+    while not data.ncon:
+        data.qpos[2] -= 0.001
+        mujoco.mj_forward(model, data)
+    low, high = dynamics.control_limits
+    held = np.zeros(model.nu)
+    for i, (joint, _) in enumerate(model.actuator_trnid):
+        if model.actuator_biasprm[i, 1] < 0.0:
+            held[i] = data.qpos[model.jnt_qposadr[joint]]
+    noise = np.random.default_rng(SEED).normal(0.0, 0.05, (40, model.nu))
+    start = np.r_[data.qpos, data.qvel, data.act]
+    return dynamics, dynamics.rollout(start, lambda t, _: np.clip(held + noise[t], low, high), 40)
 
 
 _CHAIN = """

@@ -3,10 +3,49 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 from numba.core import event
+from numba.core.caching import InTreeCacheLocator, UserProvidedCacheLocator, UserWideCacheLocator
+
+
+@cache
+def _stamp_of_parts() -> bytes:
+    """Returns a digest of the files whose parts other files compile into their functions."""
+    files = sorted(Path(__file__).parents[1].rglob("compiled_*.py"))
+    return sha256(b"".join(file.read_bytes() for file in files)).digest()
+
+
+class _StampedByParts:
+    """Keeps machine code until any compiled part has changed.
+
+    Numba alone looks at the file of the function, and not at those of the parts that it contains.
+    """
+
+    def get_source_stamp(self) -> object:
+        """Returns what must be the same for machine code to be used again."""
+        return super().get_source_stamp(), _stamp_of_parts()  # type: ignore[misc]
+
+
+class InGivenFolder(_StampedByParts, UserProvidedCacheLocator):
+    """Keeps machine code in the folder that NUMBA_CACHE_DIR names."""
+
+
+class BesideSource(_StampedByParts, InTreeCacheLocator):
+    """Keeps machine code beside the source."""
+
+
+class InUsersFolder(_StampedByParts, UserWideCacheLocator):
+    """Keeps machine code in the user's cache folder."""
+
+
+_LOCATORS = ",".join(
+    f"{__name__}.{k.__name__}" for k in (InGivenFolder, BesideSource, InUsersFolder)
+)
 
 
 def compile_at_first_call(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -16,10 +55,14 @@ def compile_at_first_call(function: Callable[..., Any]) -> Callable[..., Any]:
     written, each process compiles anew. A division by zero gives inf or NaN.
     """
     options: dict[str, Any] = {"nogil": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
+    settings: Any = config
+    before, settings.CACHE_LOCATOR_CLASSES = settings.CACHE_LOCATOR_CLASSES, _LOCATORS
     try:
         return njit(cache=True, **options)(function)
     except RuntimeError:  # numba found no folder for its cache
         return njit(**options)(function)
+    finally:
+        settings.CACHE_LOCATOR_CLASSES = before
 
 
 def compiled_part(function: Callable[..., Any]) -> Callable[..., Any]:

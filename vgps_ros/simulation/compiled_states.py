@@ -64,11 +64,7 @@ class CompiledSimulation(NamedTuple):
     low: Array
     high: Array
     qacc: Array
-    qfrc_passive: Array
-    qfrc_bias: Array
     qfrc_actuator: Array
-    qfrc_smooth: Array
-    qfrc_constraint: Array
     substeps: int
     structure: StepStructure
     smooth_rates: Array

@@ -5,7 +5,7 @@ A control is held for a number of simulator steps:
 
     x_{t+1} = f(x_t, u_t),    x = (qpos, qvel, act),
 
-with f_x, f_u from finite differences on the tangent space (`core.dynamics`).
+with f_x, f_u on the tangent space (`core.dynamics`), in closed form or from finite differences.
 """
 
 from collections import Counter
@@ -28,6 +28,8 @@ from vgps_ros.core.records import Array, ControlBounds, LinearDynamics, Trajecto
 from vgps_ros.robot.controls import CONTROL_BOUND, ControlKind
 from vgps_ros.robot.unrest import Unrest
 from vgps_ros.simulation import compiled_derivatives, compiled_loops
+from vgps_ros.simulation.compiled_closed_form import tangents
+from vgps_ros.simulation.compiled_mechanism import mechanism_of
 from vgps_ros.simulation.compiled_states import NO_PUSH, BodyPush, CompiledSimulation
 from vgps_ros.simulation.controls import controls_of
 from vgps_ros.simulation.forces import AppliedForce
@@ -66,6 +68,7 @@ class Simulations:
             such a state counts as diverged.
         space: space of its states.
         threads: threads that share the work; their number changes no result.
+        closed_forms: what derivatives in closed form need of each simulation, by its address.
 
     Args:
         model: the robot.
@@ -95,6 +98,10 @@ class Simulations:
         self._idle = SimpleQueue[CompiledSimulation]()  # those that no thread is using
         for data in self._data:
             self._idle.put(_compiled_simulation(model, data, substeps, push))
+        sizes = model.nv, model.nbody, model.na, model.nu
+        self.closed_forms = {
+            data._address: (mechanism_of(model, data), tangents(*sizes)) for data in self._data
+        }
         self._pool = ThreadPoolExecutor(self.threads)  # it starts no thread before the first work
 
     def warnings(self) -> Counter[str]:
@@ -130,17 +137,14 @@ def _compiled_simulation(
     arrays = (
         *(data.qpos, data.qvel, data.act, data.ctrl, data.qacc_warmstart, data.sensordata),
         *control_range(model),
-        *(data.qacc, data.qfrc_passive, data.qfrc_bias, data.qfrc_actuator),
-        *(data.qfrc_smooth, data.qfrc_constraint),
+        *(data.qacc, data.qfrc_actuator),
     )
     rates = data.qDeriv, model.D_rownnz, model.D_rowadr, model.D_colind
     rest = substeps, step_structure(model), *rates, data.xfrc_applied, push
     return CompiledSimulation(model._address, data._address, *arrays, *rest)
 
 
-# Perturbation of the finite differences, by whether the neighbours' accelerations are predicted:
-# then no search for them adds its noise, and the curvature of hard contact counts for more.
-_EPS = {False: 1e-7, True: 1e-8}
+_EPS = 1e-7  # perturbation of the finite differences
 # Drag has a kink at zero velocity: differences are centred within so many perturbations of it.
 KINK = 10.0
 # A rollout whose states or controls leave these bounds has diverged.
@@ -164,7 +168,7 @@ class Dynamics:
     Args:
         model: the robot.
         substeps: simulator steps for which one control is held.
-        eps: perturbation of the finite differences; None for one that suits the model.
+        eps: perturbation of the finite differences.
         threads: threads that share finite differences and rollouts; their number changes no result.
         push: a push of the robot, by which f depends on the step too, as f_t.
 
@@ -176,14 +180,14 @@ class Dynamics:
         self,
         model: mujoco.MjModel,
         substeps: int = 1,
-        eps: float | None = None,
+        eps: float = _EPS,
         threads: int | None = None,
         push: BodyPush = NO_PUSH,
     ):
         self.simulations = Simulations(model, substeps, threads, push)
         self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
-        self.eps = eps or _EPS[step_structure(self.model).may_predict]
+        self.eps = eps
         self.control_dim = model.nu
         self.controls = controls_of(model)
         self.control_limits = self.controls.limits
@@ -420,18 +424,23 @@ class Dynamics:
     def linearize(
         self, trajectory: Trajectory, *, centred: bool = False
     ) -> tuple[LinearDynamics, int]:
-        """Returns f_x, f_u along a trajectory, by finite differences, and their simulator steps.
+        """Returns f_x, f_u along a trajectory, and their simulator steps.
 
-        All differences are centred if that is asked for; otherwise few are, where it matters.
+        Steps without a closed form take finite differences, of which few are centred, where it
+        matters. All steps take differences, all of them centred, if that is asked for.
         """
         horizon, n_x, n_u = trajectory.horizon, self.space.tangent_dim, self.control_dim
         f_x, f_u = np.empty((horizon, n_x, n_x)), np.empty((horizon, n_x, n_u))
         states, controls = trajectory.states[:-1], trajectory.controls
-        steps = self.simulations.in_threads(
-            horizon,
-            lambda sim, part: compiled_derivatives.differentiate(
-                *(sim, self._columns, self.eps, np.inf if centred else self._kink),
-                *(part.start, states[part], controls[part], f_x[part], f_u[part]),
-            ),
-        )
-        return LinearDynamics(f_x, f_u), sum(steps)
+        kink = np.inf if centred else self._kink
+
+        def differentiate(sim: CompiledSimulation, part: slice) -> int:
+            """Writes the derivatives of some steps, and returns their simulator steps."""
+            steps: int = compiled_derivatives.differentiate(
+                *(sim, *self.simulations.closed_forms[sim.data]),
+                *(self._columns, self.eps, kink, part.start),
+                *(states[part], controls[part], f_x[part], f_u[part]),
+            )
+            return steps
+
+        return LinearDynamics(f_x, f_u), sum(self.simulations.in_threads(horizon, differentiate))

@@ -354,70 +354,29 @@ class StepStructure(NamedTuple):
 
     Attributes:
         may_skip: whether a step may skip stages: the Runge-Kutta method leaves none valid.
-        may_predict: whether there are constraints, and the step is their balance of forces,
-            integrated by a linear system whose matrix depends on positions alone.
         is_implicit: whether that integration is implicit in velocity.
-        is_one_sided: whether constraints act only while they push, as contacts and limits do; then
-            a constraint without force has none nearby either.
-        knows_velocities: whether MuJoCo's derivatives of forces by velocities are all of them: not
-            those of tendons and sites, which couple joints of several branches, nor those of a body
-            that flies alone.
         time_step: of a step [s].
         quaternions: the first degree of freedom of each ball and free joint's rotation.
     """
 
     may_skip: bool
-    may_predict: bool
     is_implicit: bool
-    is_one_sided: bool
-    knows_velocities: bool
     time_step: float
     quaternions: NDArray[np.int32]
 
 
 def step_structure(model: mujoco.MjModel) -> StepStructure:
     """Returns the structure of a model's step."""
-    option, stages = model.opt, mujoco.mjtEnableBit
-    is_fast = option.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    other_stages = stages.mjENBL_SLEEP | stages.mjENBL_DIAGEXACT | stages.mjENBL_IPC
-    may_predict = (
-        (is_fast or option.integrator == mujoco.mjtIntegrator.mjINT_EULER)
-        and not option.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-        and not option.enableflags & other_stages
-        and not (option.noslip_iterations or model.nplugin or model.nflex)
-        and not damping_varies(model)
-    )
+    integrator = model.opt.integrator
     return StepStructure(
-        may_skip=bool(option.integrator != mujoco.mjtIntegrator.mjINT_RK4),
-        may_predict=bool(may_predict),
-        is_implicit=bool(is_fast),
-        is_one_sided=not (
-            model.neq
-            or model.flg_adhesion
-            or model.dof_frictionloss.any()
-            or model.tendon_frictionloss.any()
-        ),
-        knows_velocities=bool(_are_known(model)),
-        time_step=float(option.timestep),
+        may_skip=bool(integrator != mujoco.mjtIntegrator.mjINT_RK4),
+        is_implicit=bool(integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        time_step=float(model.opt.timestep),
         quaternions=np.r_[
             model.jnt_dofadr[model.jnt_type == _JOINT.mjJNT_FREE] + 3,
             model.jnt_dofadr[model.jnt_type == _JOINT.mjJNT_BALL],
         ].astype(np.int32),
     )
-
-
-def _are_known(model: mujoco.MjModel) -> bool:
-    """Returns whether MuJoCo's derivatives of forces by velocities are all of them."""
-    at_joint = model.actuator_trntype <= int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    is_affine = model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE)
-    at_velocity = is_affine & (model.actuator_biasprm[:, 2] != 0.0)
-    is_plain = is_affine & (at_joint | ~at_velocity)
-    follows = model.actuator_dyntype <= int(mujoco.mjtDyn.mjDYN_MUSCLE)  # its control alone
-    # A tree of a free joint alone is integrated with its gyroscopic forces, which vary.
-    is_free = model.jnt_type == _JOINT.mjJNT_FREE
-    alone = model.tree_dofnum[model.dof_treeid[model.jnt_dofadr[is_free]]] == 6
-    turns = model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST and alone.any()
-    return bool((is_plain & follows).all() and not model.tendon_damping.any() and not turns)
 
 
 def damping_varies(model: mujoco.MjModel) -> bool:

@@ -61,18 +61,9 @@ mj_subtree_vel = _of_simulation("mj_subtreeVel")
 mj_sensor_pos = _of_simulation("mj_sensorPos")
 mj_sensor_vel = _of_simulation("mj_sensorVel")
 mj_forward = _of_simulation("mj_forward")
-mj_fwd_kinematics = _of_simulation("mj_fwdKinematics")
-mj_make_m = _of_simulation("mj_makeM")
-mj_collision = _of_simulation("mj_collision")
-mj_make_constraint = _of_simulation("mj_makeConstraint")
-mj_transmission = _of_simulation("mj_transmission")
-mj_fwd_velocity = _of_simulation("mj_fwdVelocity")
 mj_fwd_actuation = _of_simulation("mj_fwdActuation")
-mj_inv_constraint = _of_simulation("mj_invConstraint")
-mj_reference_constraint = _of_simulation("mj_referenceConstraint")
 
-_CALL_STEP_SKIP, _CALL_MUL_M = _call_of("mj_stepSkip"), _call_of("mj_mulM")
-_CALL_SMOOTH_VEL = _call_of("mjd_smooth_vel")
+_CALL_STEP_SKIP = _call_of("mj_stepSkip")
 _CALL_EULER_SKIP, _CALL_IMPLICIT_SKIP = _call_of("mj_EulerSkip"), _call_of("mj_implicitSkip")
 _CALL_DIFFERENTIATE, _CALL_INTEGRATE = _call_of("mj_differentiatePos"), _call_of("mj_integratePos")
 
@@ -81,12 +72,6 @@ _CALL_DIFFERENTIATE, _CALL_INTEGRATE = _call_of("mj_differentiatePos"), _call_of
 def mj_step_skip(_, model, data, skipped_stage, skips_sensors):  # type: ignore[no-untyped-def]
     """Advances the simulation by one simulator step, without stages that are valid already."""
     return types.void(types.intp, types.intp, types.int32, types.int32), _CALL_STEP_SKIP
-
-
-@_intrinsic
-def mjd_smooth_vel(_, model, data, has_bias):  # type: ignore[no-untyped-def]
-    """Writes the derivatives of smooth forces by velocities, with those of the bias if asked."""
-    return types.void(types.intp, types.intp, types.int32), _CALL_SMOOTH_VEL
 
 
 @_intrinsic
@@ -105,12 +90,6 @@ def mj_integrate_pos(_, model, positions, velocity, period):  # type: ignore[no-
 
 
 @_intrinsic
-def mj_mul_m(_, model, data, product, vector):  # type: ignore[no-untyped-def]
-    """Writes the inertia matrix times a vector; arrays by address."""
-    return types.void(types.intp, types.intp, types.intp, types.intp), _CALL_MUL_M
-
-
-@_intrinsic
 def mj_euler_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
     """Advances the state by the acceleration, without a factorisation that is valid already."""
     return types.void(types.intp, types.intp, types.int32), _CALL_EULER_SKIP
@@ -120,3 +99,21 @@ def mj_euler_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
 def mj_implicit_skip(_, model, data, skips_factor):  # type: ignore[no-untyped-def]
     """Does the same implicitly in velocity."""
     return types.void(types.intp, types.intp, types.int32), _CALL_IMPLICIT_SKIP
+
+
+def _loader(kind: ir.Type, result: types.Type) -> Callable[..., Any]:
+    """Returns what reads a number of some type from the i-th place behind an address."""
+
+    def write(_: Any, builder: Any, __: Any, arguments: Any) -> Any:
+        address, i = arguments
+        return builder.load(builder.gep(builder.inttoptr(address, kind.as_pointer()), [i]))
+
+    def function(_, address, i):  # type: ignore[no-untyped-def]
+        return result(types.intp, types.intp), write
+
+    return _intrinsic(function)
+
+
+double_at = _loader(ir.DoubleType(), types.float64)
+int32_at = _loader(ir.IntType(32), types.int32)
+address_at = _loader(ir.IntType(64), types.intp)
