@@ -42,7 +42,7 @@ from vgps_ros.simulation.compiled_contacts import ContactMemory, add_constraints
 from vgps_ros.simulation.compiled_spatial import (
     add_cross_force,
     add_curl,
-    add_to,
+    add_to_row,
     cross,
     dot,
     dot3,
@@ -198,7 +198,7 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
         p, q, r = row3(work.fall, j)
         x, o, w = row3(work.held, b)
         m = work.held[b, 3]
-        add_to(column, 0, 1.0, o * r - w * q, w * p - x * r, x * q - o * p, m * p, m * q, m * r)
+        add_to_row(column, 0, 1.0, o * r - w * q, w * p - x * r, x * q - o * p, m * p, m * q, m * r)
         put_inertia(tree.crb, b, work.chi, j, column, 1)
         add_curl(work.turning, work.linear, b, cdof, j, column, 1)
         put_inertia(tree.crb, b, work.xi, j, column, 2)
@@ -290,7 +290,7 @@ def _follow_motion(mech, z, n_q, work):  # type: ignore[no-untyped-def]  # pragm
         share, held = mech.held[b], work.held
         held[b, 0], held[b, 1], held[b, 2], held[b, 3] = share * x, share * y, share * o, share * m
         fx, fy, fz = y * h - o * g, o * f - x * h, x * g - y * f
-        add_to(work.force, b, share, fx, fy, fz, m * f, m * g, m * h)
+        add_to_row(work.force, b, share, fx, fy, fz, m * f, m * g, m * h)
 
 
 @compiled_part

@@ -17,11 +17,11 @@ from vgps_ros.core.records import Array
 from vgps_ros.simulation import mujoco_functions as mj
 from vgps_ros.simulation.compiled_spatial import (
     add_cross_force,
-    add_to,
+    add_to_row,
     cross,
     dot,
     dot3,
-    put,
+    put_row,
     row,
     row3,
 )
@@ -394,7 +394,7 @@ def _change_motion(  # type: ignore[no-untyped-def]  # pragma: no cover
     ly = wz * x - wx * o - (r * vx - p * vz)
     lz = wx * y - wy * x - (p * vy - q * vx)
     ax, ay, az = q * wz - r * wy, r * wx - p * wz, p * wy - q * wx
-    add_to(change, part, 1.0, -ax, -ay, -az, lx, ly, lz)
+    add_to_row(change, part, 1.0, -ax, -ay, -az, lx, ly, lz)
 
 
 @compiled_part
@@ -417,7 +417,7 @@ def _add_column(work, dim, size, c, moves, hessian):  # type: ignore[no-untyped-
     ax, ay, az = q * tz - r * ty + y * fz - o * fy, r * tx - p * tz + o * fx - x * fz, x * fy
     az += p * ty - q * tx - y * fx
     lx, ly, lz = q * fz - r * fy, r * fx - p * fz, p * fy - q * fx
-    put(wrench, 1, ax, ay, az, lx, ly, lz)
+    put_row(wrench, 1, ax, ay, az, lx, ly, lz)
     for k in range(6):
         wrench[1, k] += rates[k + 3 if k < 3 else k - 3]
     for k in range(6):
@@ -450,7 +450,7 @@ def _put_wrench(w, axis, offset, sign, force, b):  # type: ignore[no-untyped-def
         t0, t1, t2 = t0 + p * t, t1 + q * t, t2 + r * t
         f0, f1, f2 = f0 + p * f, f1 + q * f, f2 + r * f
     t0, t1, t2 = t0 + y * f2 - z * f1, t1 + z * f0 - x * f2, t2 + x * f1 - y * f0
-    add_to(force, b, sign, t0, t1, t2, f0, f1, f2)
+    add_to_row(force, b, sign, t0, t1, t2, f0, f1, f2)
 
 
 @compiled_part

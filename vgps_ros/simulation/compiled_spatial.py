@@ -23,13 +23,13 @@ def row(a, i):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled_part
-def put(out, k, p, q, r, s, t, u):  # type: ignore[no-untyped-def]  # pragma: no cover
+def put_row(out, k, p, q, r, s, t, u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Writes six numbers of a row."""
     out[k, 0], out[k, 1], out[k, 2], out[k, 3], out[k, 4], out[k, 5] = p, q, r, s, t, u
 
 
 @compiled_part
-def add_to(out, k, size, p, q, r, s, t, u):  # type: ignore[no-untyped-def]  # pragma: no cover
+def add_to_row(out, k, size, p, q, r, s, t, u):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Adds `size` times six numbers to a row."""
     x, y, z, d, e, f = row(out, k)
     x, y, z, d, e, f = (
@@ -40,7 +40,7 @@ def add_to(out, k, size, p, q, r, s, t, u):  # type: ignore[no-untyped-def]  # p
         e + size * t,
         f + size * u,
     )
-    put(out, k, x, y, z, d, e, f)
+    put_row(out, k, x, y, z, d, e, f)
 
 
 @compiled_part
@@ -53,7 +53,9 @@ def cross(a, i, b, j, out, k):  # type: ignore[no-untyped-def]  # pragma: no cov
         r * d - p * f + u * x - s * z,
         p * e - q * d,
     )
-    put(out, k, q * z - r * y, r * x - p * z, p * y - q * x, first, second, third + s * y - t * x)
+    put_row(
+        out, k, q * z - r * y, r * x - p * z, p * y - q * x, first, second, third + s * y - t * x
+    )
 
 
 @compiled_part
@@ -67,7 +69,7 @@ def add_cross_force(a, i, b, j, size, out, k):  # type: ignore[no-untyped-def]  
         p * y - q * x,
     )
     third += s * e - t * d
-    add_to(out, k, size, first, second, third, q * f - r * e, r * d - p * f, p * e - q * d)
+    add_to_row(out, k, size, first, second, third, q * f - r * e, r * d - p * f, p * e - q * d)
 
 
 @compiled_part
@@ -88,7 +90,7 @@ def put_inertia(inertia, b, a, i, out, k):  # type: ignore[no-untyped-def]  # pr
     )
     third = xz * p + yz * q + zz * r + x * t - y * s
     fourth, fifth, sixth = m * s + q * z - r * y, m * t + r * x - p * z, m * u + p * y - q * x
-    put(out, k, first, second, third, fourth, fifth, sixth)
+    put_row(out, k, first, second, third, fourth, fifth, sixth)
 
 
 @compiled_part
@@ -99,7 +101,7 @@ def add_curl(n, l, b, a, i, out, k):  # type: ignore[no-untyped-def]  # pragma: 
     for m in range(3):
         out[k, m] += n[b, 3 * m] * p + n[b, 3 * m + 1] * q + n[b, 3 * m + 2] * r
     first, second, third = q * z - r * y, r * x - p * z, p * y - q * x
-    add_to(out, k, 2.0, 0.0, 0.0, 0.0, first, second, third)
+    add_to_row(out, k, 2.0, 0.0, 0.0, 0.0, first, second, third)
 
 
 @compiled_part
