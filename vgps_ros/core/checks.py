@@ -162,7 +162,7 @@ def check_covariances(name: str, covariances: Array) -> None:
         np.linalg.cholesky(scaled + LARGEST_ROUNDING * np.eye(scaled.shape[1]))
         smallest = np.zeros(len(scaled))
     except np.linalg.LinAlgError:
-        smallest = np.linalg.eigvalsh(scaled)[:, 0]
+        smallest = np.asarray(np.linalg.eigvalsh(scaled)[:, 0], float)
     for wrong, what in (
         (skew > LARGEST_ROUNDING, "symmetric"),
         (smallest < -LARGEST_ROUNDING, "positive semidefinite"),
