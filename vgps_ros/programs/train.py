@@ -47,6 +47,12 @@ def add_arguments(parser: Parser) -> None:
         "other ranges of commands",
     )
     parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers solve the situations, such as tcp://10.0.0.1:8786; they "
+        "find the task by the same name; needs vgps_ros[cluster]",
+    )
+    parser.add_argument(
         "--check", action="store_true", help="only check the arguments: train and write nothing"
     )
     parser.add_argument(
@@ -86,15 +92,23 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.search.solver_processes import SolverProcesses
     from vgps_ros.search.training import train
     from vgps_ros.search.trajectory_optimization import prepare
+    from vgps_ros.tasks.task import task_digest
     from vgps_ros.views.console import TrainingProgress
     from vgps_ros.views.learning_curve import EventLog, learning_curve
     from vgps_ros.views.plots import save
 
+    cluster, several = None, settings.situations > 1
+    if arguments.cluster and not several:
+        raise InvalidInputError("A single situation is solved here; leave out --cluster.")
+    if arguments.cluster:
+        from vgps_ros.search.cluster import Cluster
+
+        cluster = Cluster(arguments.cluster)
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
     prepare(task)  # before the first bar, and before processes would each compile the loops
     make = partial(_task, arguments.task, arguments.demonstration, optimizer)
-    solvers = SolverProcesses(make) if settings.situations > 1 else None
+    solvers = SolverProcesses(make, None, cluster, task_digest(task)) if several else None
     with _claim_folder(output.path), solvers or nullcontext(), TrainingProgress() as progress:
         checkpoints = Checkpoints(output.checkpoints, progress.say, overwrite=arguments.overwrite)
 
