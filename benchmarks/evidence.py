@@ -27,11 +27,12 @@ from benchmarks.figure1.statistics import (
     summary,
 )
 from benchmarks.figure1.table import Columns, by_panel
-from benchmarks.legs import rows as legs_rows
+from benchmarks.legs import RUNS as LEGS
 from benchmarks.past_the_paper import METHODS as PAST
 from benchmarks.past_the_paper import PEERS
-from benchmarks.past_the_paper import rows as past_rows
+from benchmarks.past_the_paper import ROWS as PAST_ROWS
 from benchmarks.robots import ALONE, OWN, lines, robots
+from benchmarks.sweep import read_rows
 from vgps_ros.core.records import Array
 from vgps_ros.search.robustness import ENOUGH
 from vgps_ros.search.seed_statistics import interquartile_mean, with_interval
@@ -215,7 +216,7 @@ def claims() -> str:
 
 def policies() -> str:
     """Returns the table of policies on ten seeds: median and worst."""
-    rows = [json.loads(line) for line in (EVIDENCE / "policies.jsonl").read_text().splitlines()]
+    rows = read_rows(EVIDENCE / "policies.jsonl")
     costs = ("deterministic_cost", "stochastic_cost_median")
     shares = (("perturbed_20s", "perturbed_10s"), ("noise_4s",), ("noise_20s",))
     shown = []
@@ -269,7 +270,7 @@ def motions(names: Iterable[str]) -> str:
 def legs() -> str:
     """Returns the table of robots with legs that obey commands: a line each, its seeds in order."""
     found: dict[str, list[dict[str, Any]]] = {}
-    for row in sorted(legs_rows(), key=lambda row: int(row["seed"])):
+    for row in sorted(read_rows(LEGS), key=lambda row: int(row["seed"])):
         found.setdefault(row["robot"], []).append(row)
 
     def shares(name: str, own: list[dict[str, Any]]) -> str:
@@ -307,9 +308,9 @@ def _each(name: str, rows: Iterable[dict[str, Any]], form: str = "{}") -> str:
 
 def past_the_paper() -> str:
     """Returns the table of methods beside vgps: medians over seeds, worst in brackets."""
-    shown, names = [], dict.fromkeys(row["task"] for row in past_rows())
+    shown, names = [], dict.fromkeys(row["task"] for row in read_rows(PAST_ROWS))
     for task, method in product(names, (*PAST, *PEERS)):
-        own = [r for r in past_rows() if (r["task"], r["method"]) == (task, method)]
+        own = [r for r in read_rows(PAST_ROWS) if (r["task"], r["method"]) == (task, method)]
         if not own:
             continue
         last = ([row[name][-1] for row in own if name in row] for name in PAST_COSTS)
