@@ -88,6 +88,7 @@ def run(arguments: argparse.Namespace) -> None:
         check_search(arguments.method, task, settings, arguments.seed, first)
         return
     from vgps_ros.search.checkpoints import Checkpoints
+    from vgps_ros.search.cluster import Cluster
     from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.search.solver_processes import SolverProcesses
     from vgps_ros.search.training import train
@@ -97,13 +98,10 @@ def run(arguments: argparse.Namespace) -> None:
     from vgps_ros.views.learning_curve import EventLog, learning_curve
     from vgps_ros.views.plots import save
 
-    cluster, several = None, settings.situations > 1
+    several = settings.situations > 1
     if arguments.cluster and not several:
         raise InvalidInputError("A single situation is solved here; leave out --cluster.")
-    if arguments.cluster:
-        from vgps_ros.search.cluster import Cluster
-
-        cluster = Cluster(arguments.cluster)
+    cluster = Cluster(arguments.cluster) if arguments.cluster else None
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
     prepare(task)  # before the first bar, and before processes would each compile the loops

@@ -7,29 +7,27 @@ Dask gives what a lost worker was doing to another one. It would wait for ever w
 import re
 import threading
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import Executor, Future
 from contextlib import suppress
 from typing import Any
-
-from distributed import Client, KilledWorker
 
 from vgps_ros.core.errors import InvalidInputError, VgpsError
 
 _ANSWER = 10.0  # longest wait for the scheduler [s]
 _PATIENCE = 60  # how long solves wait for a worker [s]
+_LOSSES = {  # what happened, by the error that a solve then raises
+    "KilledWorker": "has lost several workers by one solve, as for want of memory",
+    "CancelledError": "has lost its scheduler or all of its workers",
+    "RuntimeError": "has no vgps_ros, or another one, where its scheduler is",
+}
 
 
 class Cluster(Executor):
-    """The workers of a cluster; it ends the connection, and leaves the workers.
-
-    Args:
-        address: of the scheduler.
-
-    Raises:
-        InvalidInputError: no scheduler answers there.
-    """
+    """The workers of the scheduler at an address; InvalidInputError where none answers."""
 
     def __init__(self, address: str):
+        from distributed import Client
+
         self._address, self._end = address, threading.Event()
         try:
             if not re.fullmatch(r"((tcp|tls)://)?[^/\s]+:\d+", address):
@@ -52,21 +50,13 @@ class Cluster(Executor):
         """Ends the connection; raises a sentence where workers were lost."""
         self._end.set()
         self._client.close()
-        if isinstance(error, KilledWorker):
-            what = (
-                f"has lost {error.allowed_failures + 1} workers by one solve, as for want of memory"
-            )
-        elif isinstance(error, CancelledError):
-            what = "has lost its scheduler or all of its workers"
-        elif "deserialization" in str(error):
-            what = "has no vgps_ros, or another one, where its scheduler is"
-        else:
-            return
-        raise VgpsError(
-            f"The cluster at {self._address} {what}; start `dask scheduler` and `dask worker "
-            "ADDRESS --nthreads 1` again, with this vgps_ros installed, and the same command goes "
-            "on after the last whole iteration."
-        ) from error
+        what = _LOSSES.get(getattr(kind, "__name__", ""))
+        if what and (kind is not RuntimeError or "deserialization" in str(error)):
+            raise VgpsError(
+                f"The cluster at {self._address} {what}; start `dask scheduler` and `dask worker "
+                "ADDRESS --nthreads 1` again, with this vgps_ros installed, and the same command "
+                "goes on after the last whole iteration."
+            ) from error
 
     def _watch(self) -> None:
         """Cancels what waits once there has been no worker for a while."""

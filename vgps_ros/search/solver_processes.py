@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache, partial
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from socket import gethostname
 from typing import Any
 
@@ -47,8 +47,8 @@ class SolverProcesses:
         digest: str = "",
     ):
         self._executor = executor or _LocalProcesses(count or count_cores())
-        software = tuple(versions().items())
-        self._source = digest, software, make_task.func, *make_task.args
+        wanted = versions() | ({"task": digest} if digest else {})
+        self._source = tuple(wanted.items()), make_task.func, *make_task.args
 
     def __enter__(self) -> "SolverProcesses":
         return self
@@ -61,15 +61,10 @@ class SolverProcesses:
         requests: Sequence[OptimizationRequest],
         on_progress: Callable[[float], None] = lambda _: None,
     ) -> list[Outcome]:
-        """Solves several requests; their outcomes are in order.
-
-        Args:
-            requests: what to solve.
-            on_progress: called at the end of each solve, with the share that is done.
+        """Solves several requests, in order; each one that ends shows the share that is done.
 
         Raises:
-            VgpsError: a process was ended from outside, as where memory is short.
-            InvalidInputError: a process has other software, or makes another task.
+            VgpsError: a process was ended from outside, has other software, or makes another task.
         """
         try:
             solves = [self._executor.submit(_solve, each, *self._source) for each in requests]
@@ -102,12 +97,8 @@ class _LocalProcesses(ProcessPoolExecutor):
 def _begin(end: Connection) -> None:
     """Prepares a process, which ends when the one that has started it does, or wants it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the other process ends this one
-    threading.Thread(target=_exit_at, args=(end,), daemon=True).start()
-
-
-def _exit_at(end: Connection) -> None:
-    wait([end])
-    os._exit(1)
+    # Nothing is ever sent, so this waits until the pipe is closed.
+    threading.Thread(target=lambda: os._exit(end.poll(None)), daemon=True).start()
 
 
 _solving = threading.Lock()  # a worker of a cluster may have several threads, but has one task
@@ -119,23 +110,15 @@ def _solve(request: OptimizationRequest, *source: Any) -> Outcome:
 
 
 @lru_cache(maxsize=1)
-def _make_task(
-    digest: str, software: tuple[tuple[str, str], ...], make: Callable[..., Task], *given: Any
-) -> Task:
-    """Makes the task of this process, once; raises if it would find other bits than the asker."""
-    found = versions()
-    theirs, ours = differences(found, {n: v for n, v in software if n in found})
-    if theirs:
-        raise InvalidInputError(
-            f"A worker on {gethostname()} has {theirs}, but this training has {ours}; install the "
-            "same there, since other software finds other bits."
-        )
+def _make_task(wanted: tuple[tuple[str, str], ...], make: Callable[..., Task], *given: Any) -> Task:
+    """Makes the task of this process, once; raises if it would find other bits than are wanted."""
     use_one_thread()
     multiprocessing.current_process().daemon = False  # a task's model is tried in a child
     task = make(*given)
-    if digest and task_digest(task) != digest:
+    theirs, ours = differences({**versions(), "task": task_digest(task)}, dict(wanted))
+    if theirs:
         raise InvalidInputError(
-            f"A worker on {gethostname()} makes another task than this process from the same name; "
-            "copy the task's files there."
+            f"A worker on {gethostname()} has {theirs}, but this training has {ours}; install the "
+            "same there, and copy the task's files, since other ones find other bits."
         )
     return task

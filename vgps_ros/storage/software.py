@@ -53,8 +53,7 @@ def environment() -> str:
 
 def versions() -> dict[str, str]:
     """Returns what the bits of a solve depend on but the machine, by name."""
-    found, here = {name: _version(name) for name in _PACKAGES[:5]}, commit()
-    return found if here.startswith("unknown") else {**found, "commit": here}
+    return {**{name: _version(name) for name in _PACKAGES[:5]}, "commit": commit()}
 
 
 def arithmetic() -> dict[str, Any]:
