@@ -56,6 +56,7 @@ setup(
     extras_require={
         "ros": [f"vgps_msgs=={VERSION}", *ROS, *BAGS],
         "bags": BAGS,
+        "cluster": requirements("cluster"),
         "live": requirements("live"),
         "onnx": requirements("onnx"),
         "test": ["pytest"],

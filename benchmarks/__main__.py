@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks import (
+    cluster,
     graph,
     learning,
     optimizers,
@@ -52,6 +53,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "nodes": graph.nodes,
     "shares": learning.shares,
     "workers": learning.workers,
+    "cluster_workers": cluster.cluster_workers,
     "growth": learning.growth,
     "m_step": learning.m_step,
     "optimizers": optimizers.optimizers,

@@ -57,7 +57,7 @@ def borne(task: Task, q: TrajectoryDistribution) -> float:
     for start in space.add(task.initial_state, draws):
         (motion,) = task.dynamics.follow_each(start, [q.mean], q.gains)
         states = motion.states[: task.horizon + 1]
-        up.append(np.isfinite(states).all() and not task.fallen(states).any())
+        up.append(bool(np.isfinite(states).all() and not task.fallen(states).any()))
     return float(np.mean(up))
 
 
@@ -65,7 +65,7 @@ def parts(task: Task, motion: Trajectory) -> dict[str, float]:
     """Returns what each term and the controls cost in a second."""
     seconds = motion.horizon * task.dynamics.time_step
     costs = task.cost.parts(motion.states[:-1], motion.controls).sum(axis=0) / seconds
-    deviations = motion.controls - task.cost.control_targets[: motion.horizon]
+    deviations = motion.controls - task.cost.control_targets
     controls = float((deviations**2 @ task.cost.control_weights).sum()) / seconds
     return dict(zip([*task.cost_names, "controls"], [*costs.tolist(), controls], strict=True))
 
@@ -100,9 +100,9 @@ def main() -> None:
         shown = sorted(costs.items(), key=lambda item: -item[1])[:4]
         terms = ", ".join(f"{name} {cost:.1f}" for name, cost in shown)
         how = f"{len(found.iterations)} iterations, {found.status.value}"
-        cells = (f"{value:g}", f"{achieved:.3f}", "yes" if up else "no")
-        cells += (f"{borne(here, found.distribution):.0%}",)
-        cells += (f"{sum(costs.values()):.1f}", terms, how, f"{time.process_time() - began:.0f}")
+        cells = [f"{value:g}", f"{achieved:.3f}", "yes" if up else "no"]
+        cells += [f"{borne(here, found.distribution):.0%}", f"{sum(costs.values()):.1f}"]
+        cells += [terms, how, f"{time.process_time() - began:.0f}"]
         print(f"| {' | '.join(cells)} |", flush=True)
 
 

@@ -27,13 +27,14 @@ from benchmarks.figure1.statistics import (
     summary,
 )
 from benchmarks.figure1.table import Columns, by_panel
-from benchmarks.legs import rows as legs_rows
+from benchmarks.legs import RUNS as LEGS
+from benchmarks.parts import ROWS as PARTS_ROWS
 from benchmarks.parts import VARIANTS, WHOLE
-from benchmarks.parts import rows as parts_rows
 from benchmarks.past_the_paper import METHODS as PAST
 from benchmarks.past_the_paper import PEERS
-from benchmarks.past_the_paper import rows as past_rows
+from benchmarks.past_the_paper import ROWS as PAST_ROWS
 from benchmarks.robots import ALONE, OWN, lines, robots
+from benchmarks.sweep import read_rows
 from vgps_ros.core.records import Array
 from vgps_ros.programs.compare import compare_figures
 from vgps_ros.search.robustness import ENOUGH
@@ -251,7 +252,7 @@ def claims() -> str:
 
 def policies() -> str:
     """Returns the table of policies on ten seeds: median and worst."""
-    rows = [json.loads(line) for line in (EVIDENCE / "policies.jsonl").read_text().splitlines()]
+    rows = read_rows(EVIDENCE / "policies.jsonl")
     costs = ("deterministic_cost", "stochastic_cost_median")
     shares = (("perturbed_20s", "perturbed_10s"), ("noise_4s",), ("noise_20s",))
     shown = []
@@ -305,7 +306,7 @@ def motions(names: Iterable[str]) -> str:
 def legs() -> str:
     """Returns the table of robots with legs that obey commands: a line each, its seeds in order."""
     found: dict[str, list[dict[str, Any]]] = {}
-    for row in sorted(legs_rows(), key=lambda row: int(row["seed"])):
+    for row in sorted(read_rows(LEGS), key=lambda row: int(row["seed"])):
         found.setdefault(row["robot"], []).append(row)
 
     def shares(name: str, own: list[dict[str, Any]]) -> str:
@@ -343,9 +344,9 @@ def _each(name: str, rows: Iterable[dict[str, Any]], form: str = "{}") -> str:
 
 def past_the_paper() -> str:
     """Returns the table of methods beside vgps: medians over seeds, worst in brackets."""
-    shown, names = [], dict.fromkeys(row["task"] for row in past_rows())
+    shown, names = [], dict.fromkeys(row["task"] for row in read_rows(PAST_ROWS))
     for task, method in product(names, (*PAST, *PEERS)):
-        own = [r for r in past_rows() if (r["task"], r["method"]) == (task, method)]
+        own = [r for r in read_rows(PAST_ROWS) if (r["task"], r["method"]) == (task, method)]
         if not own:
             continue
         last = ([row[name][-1] for row in own if name in row] for name in PAST_COSTS)
@@ -406,7 +407,7 @@ def parts(differences: bool = False) -> str:
     It has the seeds with which all variants were trained. Of differences a cell also says how
     probable it is that a seed of the variant is better.
     """
-    own = {(row["variant"], row["seed"]): row for row in parts_rows()}
+    own = {(row["variant"], row["seed"]): row for row in read_rows(PARTS_ROWS)}
     seeds = sorted({seed for _, seed in own if all((name, seed) in own for name in VARIANTS)})
     if not seeds:
         return "No training has ended yet.\n"
@@ -436,9 +437,9 @@ def parts(differences: bool = False) -> str:
     return head + table(("figure", *names), shown)
 
 
-def _judged(row: dict[str, Any]) -> dict[str, float]:
+def _judged(row: dict[str, Any]) -> dict[str, float | None]:
     """Returns the figures of a training; one that failed by an error counts as one that fell."""
-    sound = next((r for r in parts_rows() if "error" not in r), row)
+    sound = next((r for r in read_rows(PARTS_ROWS) if "error" not in r), row)
     groups = row if "error" not in row else sound
     found = {
         "obeys while commands change": groups["changing"]["obeys"][-1],
@@ -450,10 +451,11 @@ def _judged(row: dict[str, Any]) -> dict[str, float]:
     for kind, (key, name) in TRIED.items():
         values = zip(groups[kind]["values"], groups[kind][key], strict=True)
         found |= {name.format(value): share for value, share in values}
-    fallen = {name: np.inf if name.startswith("error") else 0.0 for name in found}
-    return (
-        fallen if "error" in row else {n: fallen[n] if v is None else v for n, v in found.items()}
-    )
+    failed = "error" in row
+    return {
+        n: (np.inf if n.startswith("error") else 0.0) if failed or v is None else v
+        for n, v in found.items()
+    }
 
 
 def _median(trained: Sequence[dict[str, Any]], name: str) -> float:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.robots import last_change
+from benchmarks.sweep import read_rows
 
 RUNS = Path(__file__).resolve().parents[1] / "docs" / "evidence" / "robots" / "legs.jsonl"
 PUSHES = (0, 10, 20, 25, 30, 40)  # [N·s]
@@ -60,15 +61,10 @@ def train(task: Path, seed: int) -> dict[str, Any]:
     }
 
 
-def rows() -> list[dict[str, Any]]:
-    """Returns the trainings, one after another."""
-    return [json.loads(line) for line in RUNS.read_text().splitlines()]
-
-
 def keep(row: dict[str, Any]) -> None:
     """Adds a training to the rows, in place of an older one."""
     own = (row["robot"], row["seed"])
-    kept = [each for each in rows() if (each["robot"], each["seed"]) != own]
+    kept = [each for each in read_rows(RUNS) if (each["robot"], each["seed"]) != own]
     RUNS.write_text("".join(json.dumps(each) + "\n" for each in (*kept, row)))
 
 

@@ -23,11 +23,13 @@ import sys
 import time
 from collections.abc import Sequence
 from datetime import date
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks.legs import vgps
 from benchmarks.robots import ROOT, last_change
+from benchmarks.sweep import sweep
 from vgps_ros.tasks.registry import task_file_of
 
 ROWS = ROOT / "docs" / "evidence" / "parts.jsonl"
@@ -45,16 +47,12 @@ JUDGED = "--seed 9301 --seconds 20 --rollouts 40 --pushes 25 30 40 --dampings 0.
 JUDGED += " --armatures 0.5 2 --contacts 1 --latencies 0.02"
 
 
-def rows(path: Path = ROWS) -> list[dict[str, Any]]:
-    """Returns the lines."""
-    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-
-
 def task_of(variant: str, folder: Path) -> str:
     """Returns the task: the built-in one, or a file that adds memory to it."""
     if variant != MEMORY:
         return "quadruped"
     own, file = task_file_of("quadruped"), folder / "task.yaml"
+    assert own
     text = own.read_text().replace(": quadruped.xml", f": {own.with_name('quadruped.xml')}")
     file.write_text(text.replace("commands, clock]", "commands, clock, last_action]\nhistory: 2"))
     return str(file)
@@ -74,9 +72,9 @@ def train(run: Path, command: Sequence[str]) -> tuple[float, float]:
     return core, wall
 
 
-def measured(variant: str, seed: int, runs: Path, words: Sequence[str]) -> dict[str, Any]:
+def measured(variant: str, seed: int, folder: Path, words: Sequence[str]) -> dict[str, Any]:
     """Trains a policy and judges it; returns its line."""
-    folder = runs / f"{variant.replace(' ', '_')}-{seed}"
+    folder = folder / f"{variant.replace(' ', '_')}-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     run, judged, own = folder / "run", folder / "judged.json", VARIANTS[variant].split()
     own = ["vgps", "train", "--task", task_of(variant, folder), "--seed", str(seed), *words, *own]
@@ -110,13 +108,12 @@ def main() -> None:
     for end_of in (signal.SIGINT, signal.SIGTERM):  # which end the training, too
         signal.signal(end_of, lambda *_: sys.exit("Stopped; the same command goes on."))
     until = time.monotonic() + 3600 * given.hours
-    known = {(row["variant"], row["seed"]) for row in rows(given.rows)}
-    for run in ((variant, seed) for seed in given.seeds for variant in VARIANTS):
-        if run not in known and time.monotonic() < until:
-            line = json.dumps(measured(*run, given.runs, given.words))
-            with given.rows.open("a") as file:
-                file.write(line + "\n")
-            print(line, flush=True)
+    runs = [(variant, seed) for seed in given.seeds for variant in VARIANTS]
+    measure = partial(measured, folder=given.runs, words=given.words)
+    for row in sweep(given.rows, ("variant", "seed"), runs, measure):
+        print(json.dumps(row), flush=True)
+        if time.monotonic() > until:
+            break
 
 
 if __name__ == "__main__":

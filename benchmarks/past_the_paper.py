@@ -17,8 +17,10 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +29,9 @@ import numpy as np
 from benchmarks.figure1.curves import tuned
 from benchmarks.reinforcement import Goal
 from benchmarks.robots import last_change
+from benchmarks.sweep import read_rows, sweep, table
 from vgps_ros.core.settings import settings_of, with_values
+from vgps_ros.search.cluster import Cluster
 from vgps_ros.search.methods import search
 from vgps_ros.search.settings import search_settings
 from vgps_ros.search.trajectory_optimization import optimize_all
@@ -56,11 +60,6 @@ ITERATIONS, FIRST_STEPS = 20, 40
 PEERS = ("PPO", "SAC")
 PEER_STEPS = {"swimmer": 1_400_000, "walker": 800_000}
 PEER_SECONDS = 600.0  # after which a peer ends in any case
-
-
-def rows() -> list[dict[str, Any]]:
-    """Returns the lines."""
-    return [json.loads(line) for line in ROWS.read_text().splitlines()] if ROWS.exists() else []
 
 
 def measured(name: str, label: str, seed: int) -> dict[str, Any]:
@@ -125,16 +124,17 @@ def plot() -> None:
     """Draws the cost without noise over simulator steps, a panel for each task."""
     import matplotlib.pyplot as plt
 
-    names = list(dict.fromkeys(row["task"] for row in rows()))
+    rows = read_rows(ROWS)
+    names = list(dict.fromkeys(row["task"] for row in rows))
     figure, axes = plt.subplots(1, len(names), figsize=(5 * len(names), 3.6), squeeze=False)
     for axis, name in zip(axes[0], names, strict=True):
         for i, label in enumerate((*METHODS, *PEERS)):
-            own = [r for r in rows() if (r["task"], r["method"]) == (name, label)]
+            own = [r for r in rows if (r["task"], r["method"]) == (name, label)]
             for n, row in enumerate(own):
                 shown = {"color": f"C{i}", "label": label if n == 0 else None}
                 costs = np.array(row["deterministic"], dtype=float)  # null becomes NaN
                 axis.plot(row["steps"], costs, marker=".", **shown)
-        least = min(c for r in rows() if r["task"] == name for c in r["deterministic"] if c)
+        least = min(c for r in rows if r["task"] == name for c in r["deterministic"] if c)
         axis.set(xscale="log", title=name, xlabel="simulator steps")
         axis.set_ylim(0.8 * least, 6.0 * least)  # what is above has failed
     axes[0, 0].set_ylabel("cost without noise")
@@ -149,6 +149,7 @@ def main() -> None:
     parser.add_argument("tasks", nargs="*", default=["swimmer", "cart_pole"])
     parser.add_argument("--methods", nargs="+", default=list(METHODS), choices=(*METHODS, *PEERS))
     parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
+    parser.add_argument("--cluster", metavar="ADDRESS", help="Dask scheduler to measure by")
     parser.add_argument("--plot", action="store_true")
     given = parser.parse_args()
     if given.plot:
@@ -156,14 +157,23 @@ def main() -> None:
         return
     if set(PEERS) & set(given.methods) and (lacking := set(given.tasks) - set(PEER_STEPS)):
         parser.error(f"{' and '.join(PEERS)} learn {' and '.join(PEER_STEPS)}, not {lacking.pop()}")
-    silence_mujoco()
-    known = {(row["task"], row["method"], row["seed"]) for row in rows()}
-    for run in ((t, m, s) for s in given.seeds for t in given.tasks for m in given.methods):
-        if run not in known:
-            line = json.dumps((peer_measured if run[1] in PEERS else measured)(*run))
-            with ROWS.open("a") as file:
-                file.write(line + "\n")
-            print(line, flush=True)
+    runs = product(given.tasks, given.methods, given.seeds)
+    ordered = sorted(runs, key=lambda run: given.seeds.index(run[2]))
+    with Cluster(given.cluster) if given.cluster else nullcontext() as executor:
+        for row in sweep(ROWS, ("task", "method", "seed"), ordered, _measured, executor):
+            print(json.dumps(row), flush=True)
+    print(table(read_rows(ROWS), ("task", "method"), _last_cost))
+
+
+def _last_cost(row: dict[str, Any]) -> float:
+    """Returns the cost without noise at the end; infinite where that rollout diverged."""
+    last = row["deterministic"][-1]
+    return math.inf if last is None else last
+
+
+def _measured(name: str, label: str, seed: int) -> dict[str, Any]:
+    silence_mujoco()  # in the process of a worker, too
+    return (peer_measured if label in PEERS else measured)(name, label, seed)
 
 
 if __name__ == "__main__":

@@ -19,9 +19,10 @@ from vgps_ros.core.records import Trajectory
 from vgps_ros.policies.onnx_file import ExportedPolicy, to_onnx
 from vgps_ros.policies.policy_file import policy_of
 from vgps_ros.programs.export import metadata
-from vgps_ros.search.run_record import RunRecord, read_results
+from vgps_ros.search.run_record import read_results
 from vgps_ros.simulation.model import compile_model
 from vgps_ros.simulation.model_changes import changed_spec
+from vgps_ros.storage.files import write_archive
 from vgps_ros.storage.run_folder import RunFolder, load_policy, save_policy
 from vgps_ros.tasks import make_task
 from vgps_ros.tasks.motion_table import load_demonstration, write_motion
@@ -73,9 +74,9 @@ def write_result(folder):
     (folder / "file").write_text(
         json.dumps({"task": "rotor", "initial_ddp_cost": 1.0, "iterations": [{"k": 1}]})
     )
-    states = np.zeros((3, 2))
-    run = RunRecord("", 0.05, None, states, states, np.zeros((3, 2, 2)), states)
-    run.save_trajectories(RunFolder(folder))
+    motions = {f"{name}_states": np.zeros((3, 2)) for name in ("initial", "mean", "executed")}
+    motions["state_covariances"] = np.zeros((3, 2, 2))
+    write_archive(RunFolder(folder).trajectories, motions)
 
 
 def read_result(path):

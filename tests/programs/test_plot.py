@@ -117,6 +117,4 @@ def test_what_is_no_run_is_refused_with_a_sentence(trained, tmp_path):
         state_covariances=np.zeros((3, 10, 10)),
     )  # fmt: skip
     fails([tmp_path], "initial_states has 12 values")
-    (tmp_path / "experiment.json").write_text("{}")
-    fails([tmp_path], f"is a comparison, which `python -m benchmarks.figure1 plot {tmp_path}`")
     assert not (tmp_path / "plots").exists()

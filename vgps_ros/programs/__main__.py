@@ -26,6 +26,7 @@ _SHORT_OF_MEMORY = re.compile(
 _SHARED = {"command_line", "policy_card", "policy_run", "training_client"}  # no commands
 _EXTRAS = {  # by the package that it brings
     **dict.fromkeys(("mcap", "mcap_ros2", "pyarrow", "rerun", "rosbags"), "bags"),
+    "distributed": "cluster",
     "onnxruntime": "onnx",
     "viser": "live",
 }

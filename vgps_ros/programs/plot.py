@@ -7,17 +7,12 @@ Example: vgps plot recordings/sample --output plots
 """
 
 import argparse
-import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vgps_ros.core.checks import printable
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.programs.command_line import Parser, refuse_existing
 from vgps_ros.storage.run_folder import RunFolder
-
-if TYPE_CHECKING:
-    from vgps_ros.search.run_record import RunRecord
 
 
 def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None = None) -> None:
@@ -30,11 +25,17 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
     from rich.console import Console
     from rich.progress import Progress
 
+    from vgps_ros.search.run_record import read_results
     from vgps_ros.views.filmstrip import RenderingError, filmstrip, write_moving_picture
     from vgps_ros.views.learning_curve import learning_curve
     from vgps_ros.views.plots import driving, motion, save, trajectory
 
-    run = _read(source, namespace)
+    if (folder := RunFolder(source)).trajectories.is_file():
+        run = read_results(folder)
+    else:
+        from vgps_ros.bags.run_reader import read_run  # needs ROS
+
+        run = read_run(source, namespace)
     moving = "motion.gif"
     pictures = {
         "learning_curve": lambda: learning_curve(run.result) if run.result else None,
@@ -72,22 +73,6 @@ def plot(source: Path, output: Path, *, overwrite: bool, namespace: str | None =
     }
     notes += [sentence for sentence, value in known.items() if value is None]
     print(*map(printable, notes), f"Wrote {', '.join(written)} to {output}.", sep="\n")
-
-
-def _read(source: Path, namespace: str | None) -> "RunRecord":
-    """Reads what is known of a run; see `plot`."""
-    from vgps_ros.search.run_record import read_results
-
-    if (source / "experiment.json").is_file():
-        raise InvalidInputError(
-            f"'{source}' is a comparison, which `python -m benchmarks.figure1 plot "
-            f"{shlex.quote(str(source))}` draws; name one of the folders in its runs/ here."
-        )
-    if (folder := RunFolder(source)).trajectories.is_file():
-        return read_results(folder)
-    from vgps_ros.bags.run_reader import read_run  # needs ROS
-
-    return read_run(source, namespace)
 
 
 def add_arguments(parser: Parser) -> None:

@@ -47,6 +47,12 @@ def add_arguments(parser: Parser) -> None:
         "other ranges of commands",
     )
     parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Dask scheduler whose workers solve the situations, such as tcp://10.0.0.1:8786; they "
+        "find the task by the same name; needs vgps_ros[cluster]",
+    )
+    parser.add_argument(
         "--check", action="store_true", help="only check the arguments: train and write nothing"
     )
     parser.add_argument(
@@ -81,12 +87,18 @@ def run(arguments: argparse.Namespace) -> None:
 
         check_search(arguments.method, task, settings, arguments.seed, first)
         return
+    from vgps_ros.search.cluster import Cluster
     from vgps_ros.search.solver_processes import SolverProcesses
     from vgps_ros.search.trajectory_optimization import prepare
+    from vgps_ros.tasks.task import task_digest
 
+    several = settings.situations > 1
+    if arguments.cluster and not several:
+        raise InvalidInputError("A single situation is solved here; leave out --cluster.")
+    cluster = Cluster(arguments.cluster) if arguments.cluster else None
     prepare(task)  # before the first bar, and before processes would each compile the loops
     make = partial(_task, arguments.task, arguments.demonstration, optimizer)
-    solvers = SolverProcesses(make) if settings.situations > 1 else None
+    solvers = SolverProcesses(make, None, cluster, task_digest(task)) if several else None
     # These take seconds, in which the processes start.
     from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.iteration import RemainingTime, SearchIteration

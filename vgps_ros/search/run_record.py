@@ -4,10 +4,10 @@
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from vgps_ros.core.checks import Array, Shape, array_shapes, arrays_of, finite_array
+from vgps_ros.core.checks import Array, Shape, array_shapes, finite_array
 from vgps_ros.core.errors import InvalidInputError
 from vgps_ros.search.commanded_motion import CommandedMotion
-from vgps_ros.storage.files import read_archive, write_archive
+from vgps_ros.storage.files import read_archive
 from vgps_ros.storage.run_folder import RunFolder, read_result
 from vgps_ros.tasks import recorded_task
 
@@ -37,11 +37,6 @@ class RunRecord:
     executed_states: Annotated[Array | None, Shape("N+1", "n_x")] = None
     driven: CommandedMotion | None = None
     faults: tuple[str, ...] = ()
-
-    def save_trajectories(self, folder: RunFolder) -> None:
-        """Writes the known motions to trajectories.npz, for a run without a bag."""
-        known = {name: values for name, values in arrays_of(self).items() if values is not None}
-        write_archive(folder.trajectories, known)
 
 
 def read_results(folder: RunFolder) -> RunRecord:

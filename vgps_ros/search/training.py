@@ -16,11 +16,10 @@ from vgps_ros.search.iteration import SearchIteration
 from vgps_ros.search.methods import search
 from vgps_ros.search.metrics import result_content
 from vgps_ros.search.optimization_request import OptimizationRequest
-from vgps_ros.search.run_record import RunRecord
 from vgps_ros.search.settings import SearchSettings
 from vgps_ros.search.solver_processes import SolverProcesses
 from vgps_ros.search.trajectory_optimization import Outcome, attempt
-from vgps_ros.storage.files import replacing
+from vgps_ros.storage.files import replacing, write_archive
 from vgps_ros.storage.run_folder import RunFolder, save_distributions
 from vgps_ros.storage.software import environment
 from vgps_ros.tasks import Task
@@ -73,16 +72,14 @@ def train(
         report = on_initial_progress if requests[0].iteration == 0 else lambda _: None
         if solvers and len(requests) > 1:
             return solvers.optimize_all(requests, report)
-        total = sum(request.max_iterations for request in requests)
-        outcomes, done = list[Outcome](), 0
+        outcomes = list[Outcome]()
+
+        def show(iteration: Iteration) -> None:
+            done = len(outcomes) + iteration.index / requests[0].max_iterations
+            report(done / len(requests))
+
         for request in requests:
-            before = done
-
-            def show(iteration: Iteration, before: int = before) -> None:
-                report((before + iteration.index) / total)
-
             outcomes.append(attempt(task, request, show))
-            done += request.max_iterations
         return outcomes
 
     found = search(method, task, settings, seed, optimize_all, checkpoints, first_policy)
@@ -91,7 +88,7 @@ def train(
         content = result_content(task.name, method, seed, policy, history)
         output.save(content, policy)
         on_iteration(iteration)
-    _save_motions(task, iteration, content, output)
+    _save_motions(task, iteration, output)
     return content
 
 
@@ -108,9 +105,7 @@ def _record(method: str, task: Task, settings: SearchSettings, seed: int, comman
     return str(yaml.safe_dump({"training": record}, sort_keys=False))
 
 
-def _save_motions(
-    task: Task, iteration: SearchIteration, content: dict[str, Any], output: RunFolder
-) -> None:
+def _save_motions(task: Task, iteration: SearchIteration, output: RunFolder) -> None:
     """Writes trajectories.npz for the first initial state, distribution.npz for all of them."""
     policy = iteration.policy
     initial, last = (
@@ -121,14 +116,12 @@ def _save_motions(
     states, _ = task.dynamics.execute(
         policy, here.observation, initial.mean.states[:1], np.zeros((1, task.horizon, n_u))
     )
-    RunRecord(
-        task.mjcf,
-        task.dynamics.time_step,
-        content,
-        initial.mean.states,
-        last.mean.states,
-        last.state_covariances,
-        states[0][np.isfinite(states[0]).all(axis=1)],  # those before it diverged
-    ).save_trajectories(output)
+    motions = {
+        "initial_states": initial.mean.states,
+        "mean_states": last.mean.states,
+        "state_covariances": last.state_covariances,
+        "executed_states": states[0][np.isfinite(states[0]).all(axis=1)],  # until it diverges
+    }
+    write_archive(output.trajectories, motions)
     scored = [solution.distribution.first(task.horizon) for solution in iteration.solutions]
     save_distributions(scored, task.name, output.distribution)

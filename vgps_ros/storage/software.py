@@ -51,6 +51,11 @@ def environment() -> str:
     )
 
 
+def versions() -> dict[str, str]:
+    """Returns what the bits of a solve depend on but the machine, by name."""
+    return {**{name: _version(name) for name in _PACKAGES[:5]}, "commit": commit()}
+
+
 def arithmetic() -> dict[str, Any]:
     """Returns what chooses the last bits of a computation on this machine, by name."""
     found: Any = np.show_config(mode="dicts")
