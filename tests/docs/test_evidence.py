@@ -140,7 +140,7 @@ def test_differences_of_parts_are_of_pairs_of_whole_seeds(monkeypatch):
         for name in VARIANTS
     ]
     rows.append(training(WHOLE, 9103, 0.0))  # whose variants are still to come
-    monkeypatch.setattr(evidence, "parts_rows", lambda: rows)
+    monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     figures, differences = evidence.parts(), evidence.parts(differences=True)
     assert "Seeds 9101, 9102; commit 1234abc" in figures
     assert "| obeys at 25 commands | 0.700 (0.500 to 0.900) | 0.600 (0.400 to 0.800) |" in figures
@@ -153,7 +153,7 @@ def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch)
     rows = [training(name, 9101, 0.5) for name in VARIANTS]
     failed = {"variant": "with memory", "seed": 9101, "commit": "1234abc", "machine": "x86_64"}
     rows = [row for row in rows if row["variant"] != "with memory"] + [failed | {"error": 1}]
-    monkeypatch.setattr(evidence, "parts_rows", lambda: rows)
+    monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     (line,) = [text for text in evidence.parts().splitlines() if "obeys at 25" in text]
     assert line.split(" | ")[5] == "0.000 (0.000 to 0.000)"
     (line,) = [text for text in evidence.parts().splitlines() if "failed" in text]
