@@ -131,7 +131,7 @@ def sample_joint_deviations(
     """Draws (δx, δu) from q(x_t, u_t), in such pairs; returns (count, T, n_dx), (count, T, n_u)."""
     deviations = sample_deviations(distribution, count, rng)
     noise = _in_pairs(covariance_roots(distribution.control_covariances), count, rng)
-    return deviations, _multiply_samples(distribution.gains, deviations) + noise
+    return deviations, multiply_samples(distribution.gains, deviations) + noise
 
 
 @dataclass(frozen=True)
@@ -165,8 +165,8 @@ def sample_histories(
     controls = np.zeros((count, horizon, f.f_u.shape[2]))
     for lag in range(length, 0, -1):
         i = np.maximum(steps - lag, 0)
-        acted = _multiply_samples(q.gains[i], found[-1]) + _in_pairs(roots[i], count, rng)
-        after = _multiply_samples(f.f_x[i], found[-1]) + _multiply_samples(f.f_u[i], acted)
+        acted = multiply_samples(q.gains[i], found[-1]) + _in_pairs(roots[i], count, rng)
+        after = multiply_samples(f.f_x[i], found[-1]) + multiply_samples(f.f_u[i], acted)
         if dynamics_std.any():
             after += _in_pairs(dynamics_std[i][:, :, None] * np.eye(after.shape[2]), count, rng)
         moves = (steps >= lag)[:, None]
@@ -236,12 +236,12 @@ def sample_rollout_noise(
     """Draws π_G's control noise, N(0, Quu⁻¹); returns shape (count, T, n_u), [N·m]."""
     roots = covariance_roots(distribution.control_covariances)
     noise = rng.standard_normal((count, *roots.shape[:2]))
-    return _multiply_samples(roots, noise)
+    return multiply_samples(roots, noise)
 
 
 def control_means(distribution: TrajectoryDistribution, deviations: Array) -> Array:
     """Returns the mean of q(u_t|x_t), ū + K δx, for deviations of shape (S, T, n_dx)."""
-    return distribution.mean.controls + _multiply_samples(distribution.gains, deviations)
+    return distribution.mean.controls + multiply_samples(distribution.gains, deviations)
 
 
 def with_clamped_variances(covariances: Array, variances: Array | float) -> Array:
@@ -266,7 +266,7 @@ def control_log_density(
     return log_density(controls - means, distribution.control_covariances)
 
 
-def _multiply_samples(matrices: Array, vectors: Array) -> Array:
+def multiply_samples(matrices: Array, vectors: Array) -> Array:
     """Returns M_t v_st, shape (S, T, m), for matrices (T, m, n) and vectors (S, T, n)."""
     return np.ascontiguousarray(np.moveaxis(matrices @ np.moveaxis(vectors, 0, 2), 2, 0))
 
@@ -274,7 +274,7 @@ def _multiply_samples(matrices: Array, vectors: Array) -> Array:
 def _in_pairs(roots: Array, count: int, rng: np.random.Generator) -> Array:
     """Draws ±R noise for roots (T, n, n), shape (count, T, n)."""
     noise = rng.standard_normal(((count + 1) // 2, *roots.shape[:2]))
-    deviations = _multiply_samples(roots, noise)
+    deviations = multiply_samples(roots, noise)
     return np.concatenate([deviations, -deviations])[:count]
 
 

@@ -24,7 +24,7 @@ import torch
 
 from vgps_ros.core.augmentation import Augmentation
 from vgps_ros.core.fit_loss import FitLoss, minimize_gauss_newton
-from vgps_ros.core.marginals import control_means
+from vgps_ros.core.marginals import control_means, multiply_samples
 from vgps_ros.core.observation import Observation, sample_inputs
 from vgps_ros.core.optimizer_settings import FitSettings
 from vgps_ros.core.policy import GaussianPolicy
@@ -91,8 +91,8 @@ def _late(
     of t + 1, since commands and clock are no readings. Its last action is that of t.
     """
     f = q.linear_dynamics
-    after = np.einsum("txy,sty->stx", f.f_x + f.f_u @ q.gains, deviations)[:, :-1]
-    next_means = q.mean.controls[1:] + np.einsum("tux,stx->stu", q.gains[1:], after)
+    after = multiply_samples(f.f_x, deviations) + multiply_samples(f.f_u, means - q.mean.controls)
+    next_means = q.mean.controls[1:] + multiply_samples(q.gains[1:], after[:, :-1])
     read = inputs[:, :-1].copy()
     if observation.told:
         told = len(observation.told)
