@@ -87,10 +87,16 @@ def run(arguments: argparse.Namespace) -> None:
 
         check_search(arguments.method, task, settings, arguments.seed, first)
         return
+    from vgps_ros.search.checkpoints import Checkpoints
     from vgps_ros.search.cluster import Cluster
+    from vgps_ros.search.iteration import RemainingTime, SearchIteration
     from vgps_ros.search.solver_processes import SolverProcesses
+    from vgps_ros.search.training import train
     from vgps_ros.search.trajectory_optimization import prepare
     from vgps_ros.tasks.task import task_digest
+    from vgps_ros.views.console import TrainingProgress
+    from vgps_ros.views.learning_curve import EventLog, learning_curve
+    from vgps_ros.views.plots import save
 
     several = settings.situations > 1
     if arguments.cluster and not several:
@@ -99,14 +105,6 @@ def run(arguments: argparse.Namespace) -> None:
     prepare(task)  # before the first bar, and before processes would each compile the loops
     make = partial(_task, arguments.task, arguments.demonstration, optimizer)
     solvers = SolverProcesses(make, None, cluster, task_digest(task)) if several else None
-    # These take seconds, in which the processes start.
-    from vgps_ros.search.checkpoints import Checkpoints
-    from vgps_ros.search.iteration import RemainingTime, SearchIteration
-    from vgps_ros.search.training import train
-    from vgps_ros.views.console import TrainingProgress
-    from vgps_ros.views.learning_curve import EventLog, learning_curve
-    from vgps_ros.views.plots import save
-
     events = EventLog(output.events) if arguments.tensorboard else None
     remaining = RemainingTime(settings.iterations)
     with _claim_folder(output.path), solvers or nullcontext(), TrainingProgress() as progress:
