@@ -146,7 +146,7 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
     Returns whether all of it has a closed form. The simulation must hold what the step left.
     """
     tree = mech.tree
-    n, n_q, n_b = len(sim.qvel), len(sim.qpos), len(tree.body_parent)
+    n, n_q = len(sim.qvel), len(sim.qpos)
     moves, hessian, rates = work.moves, work.hessian, work.excess_rates
     moves[:] = 0.0
     hessian[:] = 0.0
@@ -159,37 +159,8 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
     _follow_motion(mech, z, n_q, work)
     if not add_constraints(mech, sim.data, work):
         return False
-    # Forces that bodies carry.
-    for b in range(n_b - 1, 0, -1):
-        p = tree.body_parent[b]
-        if p == 0 or tree.body_end[p] == n:
-            continue
-        for k in range(6):
-            work.force[p, k] += work.force[b, k]
-            work.pulled[p, k] += work.pulled[b, k]
-        for k in range(3):
-            work.linear[p, k] += work.linear[b, k]
-        for k in range(9):
-            work.turning[p, k] += work.turning[b, k]
-        for k in range(4):
-            work.held[p, k] += work.held[b, k]
+    _add_up_carried(tree, work)
     cdof, y, curl, column = tree.cdof, work.inertial, work.curling, work.column
-    for i in range(n):
-        b = tree.body[i]
-        put_inertia(tree.crb, b, cdof, i, y, i)
-        p, q, r, s, t, u = row(cdof, i)
-        x, o, w = row3(work.linear, b)
-        curl[i, 0] = 2.0 * (o * u - w * t)
-        curl[i, 1] = 2.0 * (w * s - x * u)
-        curl[i, 2] = 2.0 * (x * t - o * s)
-        for k in range(3):
-            turn = work.turning
-            curl[i, k] += turn[b, k] * p + turn[b, 3 + k] * q + turn[b, 6 + k] * r
-        x, o, w = row3(work.held, b)
-        held, lift = work.held[b, 3], work.lift
-        lift[i, 0] = held * s + q * w - r * o
-        lift[i, 1] = held * t + r * x - p * w
-        lift[i, 2] = held * u + p * o - q * x
     for j in range(n):
         b = tree.body[j]
         put_inertia(tree.crb, b, work.zeta, j, column, 0)
@@ -223,6 +194,42 @@ def find_moves(sim, mech, z, after, work):  # type: ignore[no-untyped-def]  # pr
         moves[i, i] -= mech.stiffness[i]
     _add_rates(sim, mech, z, after, work)
     return True
+
+
+@compiled_part
+def _add_up_carried(tree, work):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Sums up what each body carries, and writes what of it acts along each degree of freedom."""
+    n, n_b = len(tree.parent), len(tree.body_parent)
+    for b in range(n_b - 1, 0, -1):
+        p = tree.body_parent[b]
+        if p == 0 or tree.body_end[p] == n:
+            continue
+        for k in range(6):
+            work.force[p, k] += work.force[b, k]
+            work.pulled[p, k] += work.pulled[b, k]
+        for k in range(3):
+            work.linear[p, k] += work.linear[b, k]
+        for k in range(9):
+            work.turning[p, k] += work.turning[b, k]
+        for k in range(4):
+            work.held[p, k] += work.held[b, k]
+    cdof, y, curl = tree.cdof, work.inertial, work.curling
+    for i in range(n):
+        b = tree.body[i]
+        put_inertia(tree.crb, b, cdof, i, y, i)
+        p, q, r, s, t, u = row(cdof, i)
+        x, o, w = row3(work.linear, b)
+        curl[i, 0] = 2.0 * (o * u - w * t)
+        curl[i, 1] = 2.0 * (w * s - x * u)
+        curl[i, 2] = 2.0 * (x * t - o * s)
+        for k in range(3):
+            turn = work.turning
+            curl[i, k] += turn[b, k] * p + turn[b, 3 + k] * q + turn[b, 6 + k] * r
+        x, o, w = row3(work.held, b)
+        held, lift = work.held[b, 3], work.lift
+        lift[i, 0] = held * s + q * w - r * o
+        lift[i, 1] = held * t + r * x - p * w
+        lift[i, 2] = held * u + p * o - q * x
 
 
 @compiled_part

@@ -28,6 +28,9 @@ POINTERS = (
 _KNOWN_RELEASES = ("4.0.0",)
 _LENGTH = 40_540  # of what is searched of the record, in words of four bytes
 _POS = 8  # offset of `pos` in a contact [B]
+# What gives a tendon a force or an inertia of its own.
+_OF_TENDONS = ["limited", "frictionloss", "armature", "actfrclimited", "stiffness", "damping"]
+_OF_TENDONS += ["stiffnesspoly", "dampingpoly"]
 _ROLLER = """
 <mujoco>
   <worldbody>
@@ -237,14 +240,7 @@ def _is_known(model: mujoco.MjModel) -> bool:
         and (model.actuator_dyntype <= muscle).all()
         and (model.actuator_biastype <= int(mujoco.mjtBias.mjBIAS_AFFINE)).all()
         and not model.actuator_damping[~moved | (kind > joints[1])].any()
-        and not model.tendon_limited.any()
-        and not model.tendon_frictionloss.any()
-        and not model.tendon_armature.any()
-        and not model.tendon_stiffness.any()
-        and not model.tendon_stiffnesspoly.any()
-        and not model.tendon_damping.any()
-        and not model.tendon_dampingpoly.any()
-        and not model.tendon_actfrclimited.any()
+        and not any(getattr(model, f"tendon_{name}").any() for name in _OF_TENDONS)
         and not model.jnt_actgravcomp.any()
         and not model.jnt_stiffnesspoly.any()
         and not model.jnt_stiffness[~single].any()

@@ -168,24 +168,16 @@ class Dynamics:
     Args:
         model: the robot.
         substeps: simulator steps for which one control is held.
-        eps: perturbation of the finite differences.
         threads: threads that share finite differences and rollouts; their number changes no result.
 
     Raises:
         InvalidInputError: a state of the model is more than (qpos, qvel, act).
     """
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        substeps: int = 1,
-        eps: float = _EPS,
-        threads: int | None = None,
-    ):
+    def __init__(self, model: mujoco.MjModel, substeps: int = 1, threads: int | None = None):
         self.simulations = Simulations(model, substeps, threads)
         self.model, self.space = self.simulations.model, self.simulations.space
         self.substeps = substeps
-        self.eps = eps
         self.control_dim = model.nu
         self.controls = controls_of(model)
         self.control_limits = self.controls.limits
@@ -202,7 +194,7 @@ class Dynamics:
         in_x, in_dx = self.space.plain
         self._servo_slopes[:, in_dx] = rates[:, in_x] / c.strength[:, None]
         # Controls and activations, velocities, positions: see `compiled_derivatives.differentiate`.
-        self._kink = KINK * self.eps if damping_varies(self.model) else 0.0
+        self._kink = KINK * _EPS if damping_varies(self.model) else 0.0
         self._columns = np.r_[n_dx : n_dx + n_u, 2 * n_v : n_dx, n_v : 2 * n_v, positions]
 
     @property
@@ -442,7 +434,7 @@ class Dynamics:
             """Writes the derivatives of some steps, and returns their simulator steps."""
             steps: int = compiled_derivatives.differentiate(
                 *(sim, *self.simulations.closed_forms[sim.data]),
-                *(self._columns, self.eps, kink, part.start),
+                *(self._columns, _EPS, kink, part.start),
                 *(states[part], controls[part], f_x[part], f_u[part]),
             )
             return steps

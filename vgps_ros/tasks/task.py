@@ -294,7 +294,7 @@ def _plain(value: Any, *around: int) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.dtype.str, value.shape, value.tobytes()
     if isinstance(value, Dynamics):  # its model is that of the task's MJCF
-        parts = value.substeps, value.eps
+        parts = (value.substeps,)
     elif isinstance(value, Readings):
         parts = value.names
     elif is_dataclass(value) and not isinstance(value, type):

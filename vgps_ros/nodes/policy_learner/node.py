@@ -210,12 +210,17 @@ class PolicyLearner(Node):
 
     def _checkpoints(self, settings: SearchSettings, seed: int) -> Any:
         """Returns checkpoints whose failure is reported, but stops no training; or None."""
+        if not self._checkpoint_folder:
+            return None
         from vgps_ros.search.checkpoints import Checkpoints, Run
 
-        health, folder = self._health, self._checkpoint_folder
+        health = self._health
 
         class Kept(Checkpoints):
+            """Checkpoints whose failure is reported."""
+
             def save(self, *of: Any) -> None:
+                """Writes a checkpoint if it can."""
                 try:
                     super().save(*of)
                     health.clear("checkpoints")
@@ -227,7 +232,7 @@ class PolicyLearner(Node):
                     health.report("checkpoints", error=sentence)
 
         name = Run(self._method, self._task, settings, seed).name()
-        return Kept(Path(folder, name), self.get_logger().info) if folder else None
+        return Kept(Path(self._checkpoint_folder, name), self.get_logger().info)
 
     def _await_readers(self) -> None:
         """Lets readers take the policy before: the topic keeps one, which the next one replaces."""
