@@ -149,13 +149,36 @@ def test_solutions_worse_than_the_limit_are_dropped(work, whole):
     assert all(a is b for a, b in zip(before, kept, strict=True))
 
 
-def test_a_policy_whose_motions_diverge_still_leads_to_sound_situations(work, whole):
+def test_a_policy_whose_motions_diverge_leaves_the_situations_as_they_are(work, whole):
     policy, before = whole[0].policy, whole[0].solutions
     wild = replace(policy, parameters=1e30 * np.ones_like(policy.parameters))
-    after, _ = renew(work(), before, wild, 2)
-    for each in after:
-        assert np.isfinite(each.situation.initial_state).all()
-        assert np.isfinite(each.distribution.mean.states).all()
+    after, replaced = renew(work(), before, wild, 2)
+    assert after == before
+    assert not replaced
+
+
+@pytest.mark.parametrize(("speed", "falls", "asked"), [(5.1, 0.3, 0), (3.3, 0.5, 0), (2.7, 0.8, 2)])
+def test_no_solve_starts_from_a_motion_that_falls_early(tmp_path, monkeypatch, speed, falls, asked):
+    fallen = ("commands:", "fallen: [{sensor: rotor/position, above: 1.0}]\ncommands:")
+    fast = ("start: {std", "start: {velocities: {rotor: 3.0}, std")  # the policy falls from there
+    task, requests = make_task(write_task(tmp_path, fallen, fast)), []
+    work = Workspace(
+        task,
+        with_values(search_settings(task), VALUES),
+        3,
+        lambda new: requests.extend(new) or optimize_all(task, new),
+    )
+    policy, solutions = work.first_policy(), work.initial_solutions
+    idle = replace(policy, parameters=np.zeros_like(policy.parameters))
+    start, period = np.array([0.0, speed]), task.dynamics.time_step
+    motion = task.dynamics.rollout(start, lambda *_: np.zeros(1), task.horizon)
+    assert abs(period * np.argmax(task.fallen(motion.states)) - falls) < 0.1
+    situation = replace(solutions[0].situation, initial_state=start)
+    begun = renewal._Beginning(situation, np.zeros(1), 0.0, task.signals)
+    monkeypatch.setattr(renewal, "_new_situation", lambda *_: begun)
+    requests.clear()
+    renew(work, solutions, idle, 2)
+    assert len(requests) == asked
 
 
 @pytest.mark.parametrize(("cap", "expected"), [(0, [0, 0, 0, 0, 0]), (3, [0, 2, 3, 3, 3])])

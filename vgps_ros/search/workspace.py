@@ -300,7 +300,7 @@ class Workspace:
     def optimize(self, requests: Sequence[OptimizationRequest]) -> list[Outcome]:
         """Solves several requests, in order."""
         began = time.perf_counter()
-        outcomes = list(self._optimize_all(requests))
+        outcomes = list(self._optimize_all(requests)) if requests else []
         results = [each for each in outcomes if isinstance(each, OptimizationResult)]
         _check_one_optimizer([*self.initial_solutions, *results])
         self.optimization_seconds += time.perf_counter() - began
