@@ -3,8 +3,7 @@ r"""What each part of vgps brings to the quadruped: question 2 of docs/evidence/
 
 Each training is a line of docs/evidence/parts.jsonl, written once its policy is judged. All
 variants of a seed come before the next seed, so that they have the same seeds whenever it ends. The
-same command goes on where it was stopped; then core seconds may lack those of stopped solvers. The
-second command tries the program:
+same command goes on where it was stopped. The second command tries the program:
 
     python -m benchmarks.parts --hours 10
     python -m benchmarks.parts --seeds 9901 --runs recordings/trial --rows recordings/trial.jsonl \
@@ -14,6 +13,7 @@ second command tries the program:
 """
 
 import argparse
+import ctypes
 import json
 import os
 import platform
@@ -22,6 +22,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from datetime import date
 from functools import partial
 from pathlib import Path
@@ -58,16 +59,30 @@ def task_of(variant: str, folder: Path) -> str:
     return str(file)
 
 
+def take_over_orphans() -> None:
+    """Makes processes children of this one whose parents have ended, as those of solvers."""
+    set_subreaper = 36  # prctl(2)
+    ctypes.CDLL(None).prctl(set_subreaper, 1)
+
+
+def processor_seconds() -> float:
+    """Waits for all children, and returns the processor time of all so far [s]."""
+    with suppress(ChildProcessError):
+        while True:
+            os.waitpid(-1, 0)
+    return sum(os.times()[2:4])
+
+
 def train(run: Path, command: Sequence[str]) -> tuple[float, float]:
     """Trains a policy, or goes on with it; returns its processor and wall time [s]."""
     taken = run.with_name("seconds.json")
     core, wall = json.loads(taken.read_text()) if taken.exists() else (0.0, 0.0)
-    core, wall = core - sum(os.times()[2:4]), wall - time.monotonic()
+    core, wall = core - processor_seconds(), wall - time.monotonic()
     try:
         if not (run / "learning_curve.png").exists():  # the last file that a training writes
             vgps(*command, "--output", str(run))
     finally:
-        core, wall = core + sum(os.times()[2:4]), wall + time.monotonic()
+        core, wall = core + processor_seconds(), wall + time.monotonic()
         taken.write_text(json.dumps([core, wall]))
     return core, wall
 
@@ -107,6 +122,7 @@ def main() -> None:
     given = parser.parse_args()
     for end_of in (signal.SIGINT, signal.SIGTERM):  # which end the training, too
         signal.signal(end_of, lambda *_: sys.exit("Stopped; the same command goes on."))
+    take_over_orphans()
     until = time.monotonic() + 3600 * given.hours
     runs = [(variant, seed) for seed in given.seeds for variant in VARIANTS]
     measure = partial(measured, folder=given.runs, words=given.words)

@@ -11,7 +11,7 @@ clock: the new start's deviation from it decays, and the solve closes the gaps t
 pushes of 30 N·s on a quadruped of 12 kg, 9 of 10 have a solution so; from the policy's fall it was
 found for 3 of 10, and from a law that holds a pose for 1 of 10. A policy that is new bears neither:
 then a biped found one for all 5 motions that fell in their last quarter, and for none of 34 that
-fell sooner, in whose place another beginning is drawn.
+fell sooner, from which no solve starts. (Other beginnings drawn in their place made it worse.)
 
 Without commands every situation asks for the same, so that a known law may go on from any step of
 its motion: the first motion is what costs least of the policy's own and of those to which the known
@@ -55,7 +55,6 @@ _BEFORE_FALL = 0.6  # share of the falls shortly before which a situation begins
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _LEAST_OBEYED = 0.25  # share of the new situations, without a fall, that begin where it obeys least
 _TOLD_ANEW = 0.5  # share of the others with new commands, where there was no fall
-_DRAWS = 3  # of a beginning, until there is a motion from which a solve may find a solution
 _LATE_FALL = 2.0 / 3.0  # share of a motion after which a fall leaves a solve a way back
 _RETURN = 0.3  # time constant in which a start's deviation decays in its first motion [s]
 _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
@@ -96,11 +95,9 @@ def renew(
         )
 
     def renewed(i: int) -> OptimizationRequest | None:
-        rng = generator(work.seed, Stream.RENEWAL, k, i)
-        for begun in (_new_situation(work, solutions, policy, rng) for _ in range(_DRAWS)):
-            if motion := _first_motion(work, begun, policy, solutions):
-                return request(i, begun.situation, motion)
-        return None
+        begun = _new_situation(work, solutions, policy, k, i)
+        motion = _first_motion(work, begun, policy, solutions)
+        return request(i, begun.situation, motion) if motion else None
 
     def improved(i: int) -> OptimizationRequest | None:
         situation, others = solutions[i].situation, [*solutions[:i], *solutions[i + 1 :]]
@@ -148,10 +145,7 @@ class _Beginning:
 
 
 def _new_situation(
-    work: Workspace,
-    solutions: Sequence[OptimizationResult],
-    policy: GaussianPolicy,
-    rng: np.random.Generator,
+    work: Workspace, solutions: Sequence[OptimizationResult], policy: GaussianPolicy, k: int, i: int
 ) -> _Beginning:
     """Returns a situation that begins where a motion of the policy goes.
 
@@ -159,6 +153,7 @@ def _new_situation(
     most where there are no commands.
     """
     task, settings, signals = work.task, work.settings, work.task.signals
+    rng = generator(work.seed, Stream.RENEWAL, k, i)
     period = task.dynamics.time_step
     lasting = draw_disturbance(task, settings.disturb, rng)
     motion = _roll_out_policy(work, solutions, policy, replace(lasting, push=(0.0, 0.0)), rng)
