@@ -1,6 +1,7 @@
 # Copyright 2026 vgps_ros maintainers. SPDX-License-Identifier: Apache-2.0
 """Plans over a receding horizon: their warm start, their feedback, and which of them drives."""
 
+import time
 from dataclasses import replace
 from threading import Event
 
@@ -156,10 +157,30 @@ def test_a_late_plan_leaves_the_old_one_in_use_until_that_is_too_old(slow, swimm
     with pytest.raises(InvalidInputError, match="6 steps old, but a plan may drive for 5 steps"):
         horizon.control(state, 6)
     slow.may_end.set()
-    while slow.asked in ([], [0]):  # the next one is begun with the first state after its end
+    while slow.asked in ([], [0]):
         horizon.control(state, 5)
     assert horizon.control(state, 5)[1] <= 5
     horizon.stop()
+
+
+def test_a_plan_begins_from_the_newest_state_as_soon_as_another_ends(slow, swimmer):
+    horizon, state = PlanFollower(slow, every=0), swimmer.initial_state
+
+    def wait_for(asked):
+        end = time.monotonic() + 60.0
+        while slow.asked != asked and time.monotonic() < end:
+            time.sleep(0.01)
+        assert slow.asked == asked
+
+    horizon.control(state, 0)
+    wait_for([0])
+    for step in (1, 2):
+        horizon.control(state, step)
+    slow.may_end.set()
+    wait_for([0, 2])
+    assert slow.warm == [0, 0]
+    horizon.stop()
+    assert slow.asked == [0, 2]  # none is made twice from one state
 
 
 def test_where_no_plan_is_found_the_reason_is_told_and_a_new_time_starts_anew(slow, swimmer):

@@ -18,6 +18,7 @@ that hold their place.
 targets and weights that may be changed while plans are made.
 """
 
+import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -265,8 +266,8 @@ class PlanFollower:
 
     Args:
         planner: makes the plans; its task's dynamics must not be used by anybody else meanwhile.
-        every: 0: plans are made one after another beside the answers; n: a plan is made from each
-            n-th state, whose answer waits for it, so that a run repeats bit for bit.
+        every: 0: plans are made one after another, each from the newest state; n: a plan is made
+            from each n-th state, whose answer waits for it, so that a run repeats bit for bit.
         seed: seed of the first plan.
         on_plan: called with each new plan and the time that it took [s].
 
@@ -288,15 +289,17 @@ class PlanFollower:
         self._planner, self._every, self._on_plan = planner, every, on_plan
         self._worker = ThreadPoolExecutor(1, "plan")
         self._ending = Event()
-        self._work: Future[tuple[Plan, float]] | None = None
-        self._plan: Plan | None = None
-        self._step = 0  # of the last state
-        self._first = self._worker.submit(planner.first_plan, seed).result()
+        self._work: list[Future[tuple[Plan, float] | None]] = []  # plans under way, or to be begun
+        self._newest: tuple[Array, int, GaussianPolicy | None, Array | None] | None = None
+        self._used: object = None  # the newest state, as the last plan was begun
+        self._plan = self._first = self._worker.submit(planner.first_plan, seed).result()
+        self._made = [self._first]  # the newest plan of this time, taken or not
+        self._step = sys.maxsize  # of the last state
 
     def stop(self) -> None:
         """Ends what is being planned."""
         self._ending.set()
-        self._worker.shutdown()
+        self._worker.shutdown(cancel_futures=True)
 
     def control(
         self,
@@ -316,17 +319,20 @@ class PlanFollower:
         Raises:
             InvalidInputError: the newest plan is too old to drive.
         """
-        is_new_time = self._plan is None or step < self._step
+        is_new_time = step < self._step
         self._step = step
-        if self._plan is None or is_new_time:
+        if is_new_time:
             # What is being planned is of the old time, and will not be taken.
-            self._plan, self._work = replace(self._first, start=step), None
+            self._plan, self._work = replace(self._first, start=step), []
+            self._made = [self._plan]
+        self._newest = state, step, policy, context
         if not self._every:
-            if self._work is None or self._work.done():
+            while self._work and self._work[0].done():
                 self._take_plan()
-                self._begin(state, step, policy, context)
+            while len(self._work) < 2:  # so that one begins as soon as another ends
+                self._begin()
         elif is_new_time or step - self._plan.start >= self._every:
-            self._begin(state, step, policy, context)
+            self._begin()
             self._take_plan()
         age = step - self._plan.start
         if age > self._planner.age_limit:
@@ -337,31 +343,33 @@ class PlanFollower:
             )
         return self._planner.control(self._plan, state, step), age
 
-    def _begin(
-        self, state: Array, step: int, policy: GaussianPolicy | None, context: Array | None
-    ) -> None:
-        def solve(old: Plan) -> tuple[Plan, float]:
-            began = time.perf_counter()
+    def _begin(self) -> None:
+        made = self._made
+
+        def solve() -> tuple[Plan, float] | None:
+            newest = self._newest
+            if not newest or newest is self._used:
+                return None
+            began, self._used, (state, step, policy, context) = time.perf_counter(), newest, newest
+            is_over = step - made[0].start > self._planner.age_limit
+            old = replace(self._first, start=step) if is_over else made[0]
             cancelled = self._ending.is_set
             plan = self._planner.next_plan(old, state, step, policy, cancelled, context=context)
+            made[0] = plan
             return plan, time.perf_counter() - began
 
-        assert self._plan is not None
-        is_over = step - self._plan.start > self._planner.age_limit
-        old = replace(self._first, start=step) if is_over else self._plan
-        self._work = self._worker.submit(solve, old)
+        self._work.append(self._worker.submit(solve))
 
     def _take_plan(self) -> None:
-        """Makes the plan that was begun the newest; one that is under way is waited for."""
-        if self._work is None:
-            return
+        """Makes the plan that was begun first the newest; one that is under way is waited for."""
         try:
-            self._plan, seconds = self._work.result()
+            found = self._work.pop(0).result()
         except VgpsError as error:
             self.trouble = f"no plan was found: {error}"
         else:
-            self.trouble = None
-            self._on_plan(self._plan, seconds)
+            if found:
+                self._plan, self.trouble = found[0], None
+                self._on_plan(*found)
 
 
 LARGEST_ADJUSTMENT = 1e6  # of a target, in its unit, and of a weight

@@ -286,13 +286,13 @@ def _first_motion(
     if not signals.names:
         known = [_follow_feedback_law(here, start, each.distribution) for each in solutions]
         own = min([own, *known], key=partial(_whole_cost, here))
-    if _stays_up(task, own):
+    if task.survived(own.states[None])[0]:
         return own
     warm = round(_WARM_UP / task.dynamics.time_step)
     before = begun.phase - warm * signals.frequency * task.dynamics.time_step
     running_up = signals.constant_context(begun.commands, warm, before % 1.0)
     usual = motion(task.initial_state, np.concatenate([running_up, situation.context]))
-    if _stays_up(task, usual):
+    if task.survived(usual.states[None])[0]:
         rest = Trajectory(usual.states[warm:], usual.controls[warm:])
         return _join_at_start(task, start, rest)
     is_early = signals.names and np.argmax(here.fallen(own.states)) < _LATE_FALL * own.horizon
@@ -301,7 +301,8 @@ def _first_motion(
 
 def _whole_cost(task: Task, motion: Trajectory) -> float:
     """Returns what a motion costs; inf where it falls or diverges."""
-    return float(task.cost.values(motion).sum()) if _stays_up(task, motion) else float("inf")
+    survived = task.survived(motion.states[None])[0]
+    return float(task.cost.values(motion).sum()) if survived else float("inf")
 
 
 def _follow_feedback_law(task: Task, start: Array, q: TrajectoryDistribution) -> Trajectory:
@@ -328,10 +329,6 @@ def _follow_feedback_law(task: Task, start: Array, q: TrajectoryDistribution) ->
         np.concatenate([led.states, np.tile(stays, (at, 1))]),
         np.concatenate([led.controls, np.tile(resting, (at, 1))]),
     )
-
-
-def _stays_up(task: Task, motion: Trajectory) -> bool:
-    return bool(task.survived(motion.states[None])[0])
 
 
 def _join_at_start(task: Task, start: Array, motion: Trajectory) -> Trajectory:
