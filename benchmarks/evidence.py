@@ -401,6 +401,9 @@ def fresh_seeds() -> str:
     return table(("what", f"{len(own)} fresh seeds"), shown)
 
 
+_FEWEST = 3  # seeds for an interval
+
+
 def parts(differences: bool = False) -> str:
     """Returns the table of vgps and its variants, or of what each variant has beyond vgps.
 
@@ -409,8 +412,8 @@ def parts(differences: bool = False) -> str:
     """
     own = {(row["variant"], row["seed"]): row for row in read_rows(PARTS_ROWS)}
     seeds = sorted({seed for _, seed in own if all((name, seed) in own for name in VARIANTS)})
-    if not seeds:
-        return "No training has ended yet.\n"
+    if len(seeds) < (_FEWEST if differences else 1):
+        return f"Seeds with all variants: {len(seeds)}; fewer than {_FEWEST} tell nothing here.\n"
     trained = {name: [own[name, seed] for seed in seeds] for name in VARIANTS}
     sides = {name: [_judged(row) for row in rows] for name, rows in trained.items()}
     pairs = [(i, i) for i in range(len(seeds))]
@@ -422,6 +425,7 @@ def parts(differences: bool = False) -> str:
         if not differences:
             cells = [[found[name][i]["A"]] for name in names]
         form = "{:+.3f} ({:+.3f} to {:+.3f})" if differences else "{:.3f} ({:.3f} to {:.3f})"
+        form = form if len(seeds) >= _FEWEST else "{:.3f}"  # no interval
         forms = (form, "{:.2f} ({:.2f} to {:.2f})")
         texts = ("; ".join(f.format(*b) for f, b in zip(forms, c, strict=False)) for c in cells)
         shown.append((row["figure"], *texts))
