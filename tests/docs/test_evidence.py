@@ -136,17 +136,17 @@ def training(variant: str, seed: int, share: float) -> dict[str, object]:
 def test_differences_of_parts_are_of_pairs_of_whole_seeds(monkeypatch):
     rows = [
         training(name, seed, share - 0.1 * (name != WHOLE))
-        for seed, share in ((9101, 0.5), (9102, 0.9))
+        for seed, share in ((9101, 0.5), (9102, 0.9), (9104, 0.7))
         for name in VARIANTS
     ]
     rows.append(training(WHOLE, 9103, 0.0))  # whose variants are still to come
     monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     figures, differences = evidence.parts(), evidence.parts(differences=True)
-    assert "Seeds 9101, 9102; commit 1234abc" in figures
+    assert "Seeds 9101, 9102, 9104; commit 1234abc" in figures
     assert "| obeys at 25 commands | 0.700 (0.500 to 0.900) | 0.600 (0.400 to 0.800) |" in figures
-    # The same of each pair, while a seed of the variant is better than one of vgps in 1 of 4 pairs.
-    assert "| obeys at 25 commands | -0.100 (-0.100 to -0.100); 0.25" in differences
-    assert "| error forward at 25 commands | +0.100 (+0.100 to +0.100); 0.25" in differences
+    # The same of each pair, while a seed of the variant is better than one of vgps in 3 of 9 pairs.
+    assert "| obeys at 25 commands | -0.100 (-0.100 to -0.100); 0.33" in differences
+    assert "| error forward at 25 commands | +0.100 (+0.100 to +0.100); 0.33" in differences
 
 
 def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch):
@@ -155,7 +155,8 @@ def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch)
     rows = [row for row in rows if row["variant"] != "with memory"] + [failed | {"error": 1}]
     monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     (line,) = [text for text in evidence.parts().splitlines() if "obeys at 25" in text]
-    assert line.split(" | ")[5] == "0.000 (0.000 to 0.000)"
+    assert line.split(" | ")[5] == "0.000"  # one seed alone has no interval
+    assert "fewer than 3" in evidence.parts(differences=True)
     (line,) = [text for text in evidence.parts().splitlines() if "failed" in text]
     assert line == "| failed by an error | 0 | 0 | 0 | 0 | 1 | 0 |"
 
