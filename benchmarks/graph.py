@@ -48,7 +48,7 @@ def lock_step() -> Iterator[Comparison]:
     task = make_task("swimmer")
     with TemporaryDirectory() as folder:
         policy = policy_file(task, Path(folder))
-        pongs, answers, loops, works = [], [], [], []
+        pongs, answers, loops, together, works = [], [], [], [], []
         for _ in range(ROUNDS):
             with bench() as graph:
                 pid = graph.start_module("benchmarks.pong")
@@ -67,12 +67,25 @@ def lock_step() -> Iterator[Comparison]:
                 graph.start("policy_executor", policy_file=policy)
                 _loop_rate(graph, LOOPS // 10)
                 loops.append(_loop_rate(graph, LOOPS))
+            with bench() as graph:
+                told: dict[str, Any] = {"simulation:start_paused": "true"}
+                told["policy_executor:policy_file"] = policy
+                graph.start("node", nodes=("simulation", "policy_executor"), **told)
+                _loop_rate(graph, LOOPS // 10)
+                together.append(_loop_rate(graph, LOOPS))
     pong_rate = statistics.median(1.0 / statistics.fmean(run) for run in pongs)
     yield Comparison(
         "lock-step loop: simulation and executor / bare ping-pong",
         statistics.median(loops),
         pong_rate,
         0.7,
+        unit="loops/s",
+    )
+    yield Comparison(
+        "lock-step loop: simulation and executor in one process / in two",
+        statistics.median(together),
+        statistics.median(loops),
+        2.0,
         unit="loops/s",
     )
     for name, share in (("median", 0.5), ("p99", 0.99)):

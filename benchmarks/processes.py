@@ -44,7 +44,12 @@ class Bench:
         self._executor.add_node(self.node)
 
     def start(
-        self, executable: str, *remappings: str, host: Sequence[str] = (), **parameters: Any
+        self,
+        executable: str,
+        *remappings: str,
+        host: Sequence[str] = (),
+        nodes: Sequence[str] = (),
+        **parameters: Any,
     ) -> int:
         """Starts a node; returns its process id.
 
@@ -52,12 +57,13 @@ class Bench:
             executable: its name.
             remappings: of names, `from:=to`.
             host: words before a command that start it on some host.
+            nodes: those of the executable `node`.
             parameters: of the node.
         """
         ros = [word for remapping in remappings for word in ("-r", remapping)]
         for name, value in parameters.items():
             ros += ["-p", f"{name}:={value}"]
-        return self._start([*host, str(self._programs / executable), "--ros-args", *ros])
+        return self._start([*host, str(self._programs / executable), *nodes, "--ros-args", *ros])
 
     def start_module(self, module: str) -> int:
         """Starts a module of Python; returns its process id."""
