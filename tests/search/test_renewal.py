@@ -157,30 +157,6 @@ def test_a_policy_whose_motions_diverge_leaves_the_situations_as_they_are(work, 
     assert not replaced
 
 
-@pytest.mark.parametrize(("speed", "falls", "asked"), [(5.1, 0.3, 0), (3.3, 0.5, 0), (2.7, 0.8, 2)])
-def test_no_solve_starts_from_a_motion_that_falls_early(tmp_path, monkeypatch, speed, falls, asked):
-    fallen = ("commands:", "fallen: [{sensor: rotor/position, above: 1.0}]\ncommands:")
-    fast = ("start: {std", "start: {velocities: {rotor: 3.0}, std")  # the policy falls from there
-    task, requests = make_task(write_task(tmp_path, fallen, fast)), []
-    work = Workspace(
-        task,
-        with_values(search_settings(task), VALUES),
-        3,
-        lambda new: requests.extend(new) or optimize_all(task, new),
-    )
-    policy, solutions = work.first_policy(), work.initial_solutions
-    idle = replace(policy, parameters=np.zeros_like(policy.parameters))
-    start, period = np.array([0.0, speed]), task.dynamics.time_step
-    motion = task.dynamics.rollout(start, lambda *_: np.zeros(1), task.horizon)
-    assert abs(period * np.argmax(task.fallen(motion.states)) - falls) < 0.1
-    situation = replace(solutions[0].situation, initial_state=start)
-    begun = renewal._Beginning(situation, np.zeros(1), 0.0, task.signals)
-    monkeypatch.setattr(renewal, "_new_situation", lambda *_: begun)
-    requests.clear()
-    renew(work, solutions, idle, 2)
-    assert len(requests) == asked
-
-
 @pytest.mark.parametrize(("cap", "expected"), [(0, [0, 0, 0, 0, 0]), (3, [0, 2, 3, 3, 3])])
 def test_samples_of_replaced_solutions_are_kept_up_to_a_number(task, tmp_path, cap, expected):
     saved = []

@@ -9,9 +9,7 @@ What the policy itself does from there is the first motion if it bears it. Other
 motion that the policy makes in the long run under the same commands, at the same phase of the
 clock: the new start's deviation from it decays, and the solve closes the gaps to the dynamics. Of
 pushes of 30 N·s on a quadruped of 12 kg, 9 of 10 have a solution so; from the policy's fall it was
-found for 3 of 10, and from a law that holds a pose for 1 of 10. A policy that is new bears neither:
-then a biped found one for all 5 motions that fell in their last quarter, and for none of 34 that
-fell sooner, from which no solve starts. (Other beginnings drawn in their place made it worse.)
+found for 3 of 10, and from a law that holds a pose for 1 of 10.
 
 Without commands every situation asks for the same, so that a known law may go on from any step of
 its motion: the first motion is what costs least of the policy's own and of those to which the known
@@ -55,7 +53,6 @@ _BEFORE_FALL = 0.6  # share of the falls shortly before which a situation begins
 _CHANGE = (1.0, 3.0)  # time after which the motion has other commands [s]
 _LEAST_OBEYED = 0.25  # share of the new situations, without a fall, that begin where it obeys least
 _TOLD_ANEW = 0.5  # share of the others with new commands, where there was no fall
-_LATE_FALL = 2.0 / 3.0  # share of a motion after which a fall leaves a solve a way back
 _RETURN = 0.3  # time constant in which a start's deviation decays in its first motion [s]
 _WARM_UP = 1.0  # after which the policy's motion is that of the long run [s]
 _MOST = 6.0  # cost of a solution, as a multiple of the first ones' median, that is no recovery
@@ -272,7 +269,7 @@ def _first_motion(
     policy: GaussianPolicy,
     solutions: Sequence[OptimizationResult],
 ) -> Trajectory | None:
-    """Returns the motion from which a new situation's solve starts; None if it would be in vain."""
+    """Returns the motion from which a new situation's solve starts; None if it diverges."""
     task, situation, signals = work.task, begun.situation, begun.signals
     here = situation.of(task)
     start, n_u = situation.initial_state, task.dynamics.control_dim
@@ -295,8 +292,7 @@ def _first_motion(
     if task.survived(usual.states[None])[0]:
         rest = Trajectory(usual.states[warm:], usual.controls[warm:])
         return _join_at_start(task, start, rest)
-    is_early = signals.names and np.argmax(here.fallen(own.states)) < _LATE_FALL * own.horizon
-    return None if is_early or not np.isfinite(own.states).all() else own
+    return own if np.isfinite(own.states).all() else None
 
 
 def _whole_cost(task: Task, motion: Trajectory) -> float:
