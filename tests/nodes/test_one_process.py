@@ -51,8 +51,8 @@ def test_a_robot_moves_in_one_process_bit_for_bit_as_in_two(graph, random_policy
         runs.append({stamp: (s.position, s.velocity) for stamp, s in by_stamp.items()})
         commands.clear()
         assert graph.change(Transition.TRANSITION_DEACTIVATE)
-        graph.spin_until(lambda: commands)
-        assert not any(commands[-1].effort)
+        # One of the last step may still be on its way.
+        graph.spin_until(lambda: commands and not any(commands[-1].effort))
         assert [process.end() for process in processes] == [0] * len(processes)
     assert len(runs[0]) == STEPS + 1
     assert runs[0] == runs[1]
