@@ -6,7 +6,10 @@
 Many robots step side by side in one compiled loop, and are told, fall and are pushed as in the
 task; a policy reads what the task's policy reads. The reward is that of legged_gym for the
 commands, and a share of the task's own cost, which tells of feet, height and pose. Time is that of
-processors, since other programs run beside.
+processors, since other programs run beside. At the end of each tenth of it the policy is tried in
+the rollouts by which a training of ours chooses its policy, and the best one is kept.
+
+Settings that `benchmarks.rivals` tunes can be given: `--settings '{"learning_rate": 0.0005}'`.
 """
 
 import argparse
@@ -27,9 +30,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from vgps_ros.core.policy import Architecture, GaussianPolicy
 from vgps_ros.core.records import Array
-from vgps_ros.policies.driver import driver_of
-from vgps_ros.policies.policy_file import open_policy
-from vgps_ros.search.judgement import CommandReadings, judge_controller
+from vgps_ros.search.judgement import CommandReadings
+from vgps_ros.search.selection import Performance, finish, try_policy
 from vgps_ros.search.settings import search_settings
 from vgps_ros.storage.run_folder import save_policy
 from vgps_ros.tasks import Task, make_task
@@ -39,20 +41,18 @@ EPISODE = 20.0  # [s]
 CHANGE = 3.0  # mean time between two changes of the commands [s]
 PUSH = 4.0  # mean time between two pushes [s]
 ACTION = 0.3  # change of a target for an action of 1 [rad]
-SIGMA = 0.25  # of the rewards of commands, as legged_gym has it
-COST = 0.05  # factor of the task's cost in the reward
 HIDDEN = (128, 128)
+TENTHS = 10  # at whose ends the policy is tried
 # As legged_gym and rsl_rl have them for flat ground, as far as Stable-Baselines3 has the same.
-SETTINGS: dict[str, Any] = {
-    "n_steps": 24,
-    "batch_size": ROBOTS * 24 // 4,
-    "n_epochs": 5,
+FIXED: dict[str, Any] = {"n_epochs": 5, "gamma": 0.99, "gae_lambda": 0.95, "max_grad_norm": 1.0}
+BATCHES = 4  # in each pass over what was collected
+FIRST: dict[str, float] = {
     "learning_rate": 1e-3,
     "target_kl": 0.02,
     "ent_coef": 0.005,
-    "gamma": 0.99,
-    "gae_lambda": 0.95,
-    "max_grad_norm": 1.0,
+    "n_steps": 24,
+    "sigma": 0.25,  # of the rewards of commands, as legged_gym has it
+    "cost": 0.05,  # factor of the task's cost in the reward
 }
 
 
@@ -62,14 +62,17 @@ class Robots(VecEnv):
     Args:
         task: what they learn.
         seed: of starts, commands and pushes.
+        sigma: of the rewards of commands.
+        cost: factor of the task's cost in the reward.
 
     Attributes:
         states: of the robots, shape (N, n_x).
         pushed: the states before the last step, after its pushes.
     """
 
-    def __init__(self, task: Task, seed: int):
+    def __init__(self, task: Task, seed: int, sigma: float, cost: float):
         self._task, self._rng = task, np.random.default_rng(seed)
+        self._sigma, self._cost = sigma, cost
         self._achieved = CommandReadings.of(task)
         self._settings = search_settings(task)
         self._largest_push = self._settings.renew.push / task.dynamics.model.body_mass.sum()
@@ -155,10 +158,10 @@ class Robots(VecEnv):
         context, period = self.context(), self._task.dynamics.time_step
         both = np.concatenate([self.states, self.states[-1:]])
         errors = self._achieved.errors(both[None], controls[None], context[None])[0]
-        obeys = np.exp(-(errors[:, :2] ** 2).sum(axis=1) / SIGMA)
-        obeys += 0.5 * np.exp(-(errors[:, 2] ** 2) / SIGMA)
+        obeys = np.exp(-(errors[:, :2] ** 2).sum(axis=1) / self._sigma)
+        obeys += 0.5 * np.exp(-(errors[:, 2] ** 2) / self._sigma)
         cost = self._task.cost.in_context(context)(self.states, controls)
-        return np.asarray(period * (obeys - COST * np.minimum(cost, 100.0)), dtype=np.float32)
+        return np.asarray(period * (obeys - self._cost * np.minimum(cost, 100.0)), dtype=np.float32)
 
     def close(self) -> None:
         """Closes nothing, as the robots hold nothing open."""
@@ -211,57 +214,57 @@ def as_policy(model: PPO, task: Task) -> GaussianPolicy:
     return GaussianPolicy(shape, parameters, std)
 
 
-class Judge(BaseCallback):
-    """Judges the policy about once a minute of processor time, and ends the training in time."""
+class Choice(BaseCallback):
+    """Tries the policy at the end of each tenth of the time, and keeps the best."""
 
     def __init__(self, task: Task, output: Path, seed: int, minutes: float):
         super().__init__()
         self._task, self._output, self._seed = task, output, seed
-        self._limit, self._next = 60.0 * minutes, 60.0
-        self._began, self._apart = time.process_time(), 0.0
+        self._settings, self._seconds = search_settings(task), 60.0 * minutes
+        self._best: Performance | None = None
+        self._tried = 0
 
     @property
     def _spent(self) -> float:
-        return time.process_time() - self._began - self._apart
+        return time.process_time() - self._began
+
+    def _on_training_start(self) -> None:
+        self._began = time.process_time()
 
     def _on_step(self) -> bool:
-        return self._spent < self._limit
+        return self._spent < self._seconds
 
     def _on_rollout_end(self) -> None:
-        if (spent := self._spent) < self._next:
-            return
-        self._next += 60.0
-        before = time.process_time()
+        if self._spent >= self._seconds * (self._tried + 1) / TENTHS:
+            self._try()
+
+    def _try(self) -> None:
+        self._tried += 1
         policy = as_policy(cast(PPO, self.model), self._task)
-        save_policy(policy, self._task.name, self._output / "policy.json")
-        driver = driver_of(self._task.deployment, open_policy(self._output / "policy.json"))
-        found = judge_controller(
-            self._task,
-            driver,
-            seconds=20.0,
-            rollouts=2,
-            perturbation=0.01,
-            seed=0,
-            stochastic=False,
-        )
+        tried = try_policy(self._task, self._settings, self._seed, policy, self._tried)
+        if self._best is None or tried.beats(self._best):
+            self._best = tried
+        self._note(tried)
+
+    def _on_training_end(self) -> None:
+        self._try()
+        assert self._best
+        best = finish(self._task, self._settings, self._seed, self._best)
+        self._note(best)
+        save_policy(best.policy, self._task.name, self._output / "policy.json")
+
+    def _note(self, tried: Performance) -> None:
         row = {
-            "seed": self._seed,
-            "processor_seconds": round(spent, 1),
-            "control_steps": self.num_timesteps,
-            "noise": policy.noise_std.mean(),
-            **{
-                f"{name}_{key}": found[name][key]
-                for name in ("all_commands", "changing")
-                for key in ("survival", "obeys", "rms")
-            },
+            "tenth": tried.k,
+            "processor_seconds": round(self._spent, 1),
+            "simulator_steps": self.num_timesteps * self._task.dynamics.substeps,
+            "noise": tried.policy.noise_std.mean(),
+            "success": tried.success,
+            "loss": tried.loss,
         }
         with (self._output / "rows.jsonl").open("a") as file:
             file.write(json.dumps(row) + "\n")
         print(json.dumps(row), flush=True)
-        self._apart += time.process_time() - before
-
-    def _on_training_start(self) -> None:
-        self._began = time.process_time()
 
 
 def main() -> None:
@@ -269,22 +272,26 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=20.0)
+    parser.add_argument("--settings", type=json.loads, default={}, help="in JSON")
     parser.add_argument("--output", type=Path, required=True)
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True)
     torch.set_num_threads(1)
     task = make_task("quadruped")
-    environment = VecNormalize(Robots(task, arguments.seed), norm_reward=True, gamma=0.99)
+    own = FIRST | arguments.settings
+    robots = Robots(task, arguments.seed, own.pop("sigma"), own.pop("cost"))
     model = PPO(
         "MlpPolicy",
-        environment,
+        VecNormalize(robots, norm_reward=True, gamma=FIXED["gamma"]),
         seed=arguments.seed,
         device="cpu",
         policy_kwargs={"net_arch": {"pi": list(HIDDEN), "vf": list(HIDDEN)}},
-        **SETTINGS,
+        batch_size=ROBOTS * int(own["n_steps"]) // BATCHES,
+        **own,
+        **FIXED,
     )
     model.set_logger(Logger(folder=None, output_formats=[]))
-    model.learn(10**9, Judge(task, arguments.output, arguments.seed, arguments.minutes))
+    model.learn(10**9, Choice(task, arguments.output, arguments.seed, arguments.minutes))
 
 
 if __name__ == "__main__":

@@ -87,28 +87,37 @@ def train(run: Path, command: Sequence[str]) -> tuple[float, float]:
     return core, wall
 
 
+def made() -> dict[str, str]:
+    """Returns of what a line is: the last change of vgps, the machine and the day."""
+    machine = f"{os.cpu_count()} cores of {platform.machine()}"
+    return {"commit": last_change(), "machine": machine, "date": str(date.today())}
+
+
+def judge(run: Path, file: Path) -> dict[str, Any]:
+    """Judges a policy as the protocol says; returns its part of a line."""
+    vgps("evaluate", str(run), *JUDGED.split(), "--json", str(file), "--overwrite")
+    found = json.loads(file.read_text())
+    kept = {"values", "survival", "obeys", "rms"}
+    groups = {name: found[name] for name in ("all_commands", "changing")} | found["robustness"]
+    return {n: {k: v for k, v in each.items() if k in kept} for n, each in groups.items()}
+
+
 def measured(variant: str, seed: int, folder: Path, words: Sequence[str]) -> dict[str, Any]:
     """Trains a policy and judges it; returns its line."""
     folder = folder / f"{variant.replace(' ', '_')}-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
-    run, judged, own = folder / "run", folder / "judged.json", VARIANTS[variant].split()
+    run, own = folder / "run", VARIANTS[variant].split()
     own = ["vgps", "train", "--task", task_of(variant, folder), "--seed", str(seed), *words, *own]
-    line: dict[str, Any] = {"variant": variant, "seed": seed, "command": " ".join(own)}
-    machine = f"{os.cpu_count()} cores of {platform.machine()}"
-    line |= {"commit": last_change(), "machine": machine, "date": str(date.today())}
+    line: dict[str, Any] = {"variant": variant, "seed": seed, "command": " ".join(own)} | made()
     try:
         core, wall = train(run, own[1:])
     except subprocess.CalledProcessError as error:
         if error.returncode < 0:
             raise  # it was stopped
         return line | {"error": error.returncode}
-    vgps("evaluate", str(run), *JUDGED.split(), "--json", str(judged), "--overwrite")
-    found = json.loads(judged.read_text())
     steps = json.loads((run / "result.json").read_text())["iterations"][-1]["simulator_steps"]
     line |= {"core_seconds": round(core), "wall_seconds": round(wall), "simulator_steps": steps}
-    kept = {"values", "survival", "obeys", "rms"}
-    groups = {name: found[name] for name in ("all_commands", "changing")} | found["robustness"]
-    return line | {n: {k: v for k, v in each.items() if k in kept} for n, each in groups.items()}
+    return line | judge(run, folder / "judged.json")
 
 
 def main() -> None:

@@ -89,7 +89,7 @@ def test_a_peers_policy_is_judged_on_the_environment_that_it_learns_in(swimmer, 
 
 
 def test_an_actor_becomes_a_policy_of_ours_with_the_same_targets(quadruped, tmp_path):
-    robots = VecNormalize(controller_peer.Robots(quadruped, 3), gamma=0.99)
+    robots = VecNormalize(controller_peer.Robots(quadruped, 3, 0.25, 0.05), gamma=0.99)
     policy_kwargs = {"net_arch": list(controller_peer.HIDDEN)}
     model = PPO("MlpPolicy", robots, n_steps=2, batch_size=512, policy_kwargs=policy_kwargs)
     model.learn(2048)
@@ -102,7 +102,7 @@ def test_an_actor_becomes_a_policy_of_ours_with_the_same_targets(quadruped, tmp_
 
 def test_robots_side_by_side_are_the_task_s_own_robot(quadruped):
     """A step is one of the task's dynamics, and its cost the task's in the robot's context."""
-    robots = controller_peer.Robots(quadruped, 3)
+    robots = controller_peer.Robots(quadruped, 3, 0.25, 0.05)
     robots.reset()
     before, context = robots.states.copy(), robots.context()
     actions = np.random.default_rng(1).normal(0.0, 0.3, (len(before), 12))
@@ -120,7 +120,7 @@ def test_robots_side_by_side_are_the_task_s_own_robot(quadruped):
         quadruped.in_context(context[i : i + 1]).cost(before[i : i + 1], controls[i : i + 1])[0]
         for i in kept
     ]
-    obeyed = rewards[kept] / quadruped.dynamics.time_step + controller_peer.COST * np.array(alone)
+    obeyed = rewards[kept] / quadruped.dynamics.time_step + 0.05 * np.array(alone)
     assert np.all((obeyed > 0.0) & (obeyed < 1.5))
     assert 0 < pushed.sum() < 20
 
