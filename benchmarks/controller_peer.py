@@ -6,8 +6,8 @@
 Many robots step side by side in one compiled loop, and are told, fall and are pushed as in the
 task; a policy reads what the task's policy reads. The reward is that of legged_gym for the
 commands, and a share of the task's own cost, which tells of feet, height and pose. Time is that of
-processors, since other programs run beside. At the end of each tenth of it the policy is tried in
-the rollouts by which a training of ours chooses its policy, and the best one is kept.
+processors, since other programs run beside. At the end of each tenth of its second half the policy
+is tried in the rollouts by which a training of ours chooses its policy, and the best one is kept.
 
 Settings that `benchmarks.rivals` tunes can be given: `--settings '{"learning_rate": 0.0005}'`.
 """
@@ -42,7 +42,7 @@ CHANGE = 3.0  # mean time between two changes of the commands [s]
 PUSH = 4.0  # mean time between two pushes [s]
 ACTION = 0.3  # change of a target for an action of 1 [rad]
 HIDDEN = (128, 128)
-TENTHS = 10  # at whose ends the policy is tried
+TENTHS = 10  # of the time, at whose ends the policy is tried in the second half
 # As legged_gym and rsl_rl have them for flat ground, as far as Stable-Baselines3 has the same.
 FIXED: dict[str, Any] = {"n_epochs": 5, "gamma": 0.99, "gae_lambda": 0.95, "max_grad_norm": 1.0}
 BATCHES = 4  # in each pass over what was collected
@@ -215,14 +215,14 @@ def as_policy(model: PPO, task: Task) -> GaussianPolicy:
 
 
 class Choice(BaseCallback):
-    """Tries the policy at the end of each tenth of the time, and keeps the best."""
+    """Tries the policy at the end of each tenth of the second half, and keeps the best."""
 
     def __init__(self, task: Task, output: Path, seed: int, minutes: float):
         super().__init__()
         self._task, self._output, self._seed = task, output, seed
         self._settings, self._seconds = search_settings(task), 60.0 * minutes
         self._best: Performance | None = None
-        self._tried = 0
+        self._tried = TENTHS // 2  # tenths that are behind it
 
     @property
     def _spent(self) -> float:

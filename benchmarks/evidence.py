@@ -52,6 +52,7 @@ PAGES = (
 FRESH = range(21, 26)  # the quadruped's seeds on which no setting was chosen
 UNSEEN = 9  # first seed of Figure 1's swimmers that no page had named before
 PAST_COSTS = ("q_cost", "deterministic", "stochastic_median")
+RIVALS_ROWS, TUNING_ROWS = EVIDENCE / "rivals.jsonl", EVIDENCE / "rivals_tuning.jsonl"
 TABLE = re.compile(r"(<!-- table: ([^\n]+) -->\n)(?s:.*?)(<!-- end of table -->)")
 NOISE = {"median": "with noise, median rollout", "mean": "with noise, mean of the rollouts"}
 # What the parts of vgps are judged by: figures of disturbances, by kind.
@@ -405,22 +406,55 @@ _FEWEST = 3  # seeds for an interval
 
 
 def parts(differences: bool = False) -> str:
-    """Returns the table of vgps and its variants, or of what each variant has beyond vgps.
+    """Returns the table of vgps and its variants, or of what each variant has beyond vgps."""
+    rows = {(row["variant"], row["seed"]): row for row in read_rows(PARTS_ROWS)}
+    return _by_seed(rows, list(VARIANTS), differences)
 
-    It has the seeds with which all variants were trained. Of differences a cell also says how
-    probable it is that a seed of the variant is better.
+
+def rivals(differences: bool = False) -> str:
+    """Returns the table of vgps and its rivals, or of what each rival has beyond vgps."""
+    rows = {(row["method"], row["seed"]): row for row in read_rows(RIVALS_ROWS)}
+    names = ["vgps", *dict.fromkeys(method for method, _ in rows)]
+    own = {("vgps", r["seed"]): r for r in read_rows(PARTS_ROWS) if r["variant"] == WHOLE}
+    return _by_seed(own | rows, names, differences)
+
+
+def tuning() -> str:
+    """Returns the table of PPO's trials."""
+    rows = read_rows(TUNING_ROWS)
+    names = list(rows[0]["settings"]) if rows else []
+    best = max(rows, key=lambda row: row["value"], default=None)
+    shown = [
+        (
+            f"**{row['trial'] + 1}**" if row is best else str(row["trial"] + 1),
+            *(f"{row['settings'][name]:.3g}" for name in names),
+            f"{row['up']:.2f}",
+            f"{row['obeys']:.2f}",
+        )
+        for row in rows
+    ]
+    return table(("trial", *(f"`{name}`" for name in names), "up", "obeys"), shown)
+
+
+def _by_seed(
+    own: dict[tuple[str, int], dict[str, Any]], names: list[str], differences: bool
+) -> str:
+    """Returns the table of trainings, or of what each has beyond those of the first name.
+
+    It has the seeds that all names have. Of differences a cell also says how probable it is that a
+    seed of this name is better than one of the first.
     """
-    own = {(row["variant"], row["seed"]): row for row in read_rows(PARTS_ROWS)}
-    seeds = sorted({seed for _, seed in own if all((name, seed) in own for name in VARIANTS)})
-    if len(seeds) < (_FEWEST if differences else 1):
-        return f"Seeds with all variants: {len(seeds)}; fewer than {_FEWEST} tell nothing here.\n"
-    trained = {name: [own[name, seed] for seed in seeds] for name in VARIANTS}
+    first = names[0]
+    seeds = sorted({seed for _, seed in own if all((name, seed) in own for name in names)})
+    if len(seeds) < (_FEWEST if differences else 1) or len(names) == 1:
+        return f"Seeds with all columns: {len(seeds)}; fewer than {_FEWEST} tell nothing here.\n"
+    trained = {name: [own[name, seed] for seed in seeds] for name in names}
     sides = {name: [_judged(row) for row in rows] for name, rows in trained.items()}
     pairs = [(i, i) for i in range(len(seeds))]
-    found = {n: compare_figures([side, sides[WHOLE]], pairs) for n, side in sides.items()}
-    names = [name for name in VARIANTS if name != WHOLE or not differences]
+    found = {n: compare_figures([side, sides[first]], pairs) for n, side in sides.items()}
+    names = names[1:] if differences else names
     shown = []
-    for i, row in enumerate(found[WHOLE]):
+    for i, row in enumerate(found[first]):
         cells = [[found[name][i][c] for c in ("A less B", "A better")] for name in names]
         if not differences:
             cells = [[found[name][i]["A"]] for name in names]
@@ -436,7 +470,8 @@ def parts(differences: bool = False) -> str:
     failed = [str(sum("error" in row for row in trained[n])) for n in names]
     shown += [("million simulator steps, median", *steps), ("core minutes, median", *minutes)]
     shown += [("failed by an error", *failed)]
-    made = {key: _listed(row[key] for row in own.values()) for key in ("commit", "machine")}
+    used = [row for rows in trained.values() for row in rows]
+    made = {key: _listed(row[key] for row in used) for key in ("commit", "machine")}
     head = f"Seeds {_listed(map(str, seeds))}; commit {made['commit']}; {made['machine']}.\n\n"
     return head + table(("figure", *names), shown)
 
@@ -490,6 +525,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "fresh seeds of the quadruped": fresh_seeds,
     "parts of vgps": parts,
     "differences by parts of vgps": partial(parts, differences=True),
+    "vgps and PPO": rivals,
+    "what PPO has beyond vgps": partial(rivals, differences=True),
+    "trials of PPO": tuning,
 }
 
 
