@@ -161,6 +161,19 @@ def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch)
     assert line == "| failed by an error | 0 | 0 | 0 | 0 | 1 | 0 |"
 
 
+def test_rivals_stand_beside_vgps_on_the_seeds_that_both_have(monkeypatch):
+    ours = [training(name, seed, 0.9) for seed in (9101, 9102, 9103) for name in VARIANTS]
+    theirs = [training("", seed, 0.4) | {"method": "PPO"} for seed in (9101, 9102)]
+    rows = {evidence.PARTS_ROWS: ours, evidence.RIVALS_ROWS: theirs}
+    monkeypatch.setattr(evidence, "read_rows", rows.get)
+    figures = evidence.rivals()
+    assert "Seeds 9101, 9102;" in figures
+    assert "| figure | vgps | PPO |" in figures
+    assert "| obeys at 25 commands | 0.900 | 0.400 |" in figures  # two seeds have no interval
+    theirs.append(training("", 9103, 0.4) | {"method": "PPO"})
+    assert "| -0.500 (-0.500 to -0.500); 0.00 (" in evidence.rivals(differences=True)
+
+
 @pytest.fixture(scope="module")
 def history() -> list[str]:
     """The commits that led here; without them, as in a shallow clone or a package, skips."""
