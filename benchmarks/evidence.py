@@ -428,8 +428,7 @@ def tuning() -> str:
         (
             f"**{row['trial'] + 1}**" if row is best else str(row["trial"] + 1),
             *(f"{row['settings'][name]:.3g}" for name in names),
-            f"{row['up']:.2f}",
-            f"{row['obeys']:.2f}",
+            *(", ".join(f"{share:.2f}" for share in row[key]) for key in ("up", "obeys")),
         )
         for row in rows
     ]

@@ -34,7 +34,7 @@ ROWS, TUNING = RIVALS_ROWS, TUNING_ROWS
 TUNING_SEED = 9001
 MINUTES, TRIAL_MINUTES = 12.0, 8.0  # of processor time
 DRAWN = 5  # trials that are drawn at random, before a Gaussian process chooses
-TIE = 0.1  # weight of the share that stays up, beside that of those that obey
+TIE = 0.1  # weight of the shares that stay up, beside those that obey
 AROUND = np.sqrt(10.0)  # ranges are a factor of ten around the first trial's value
 
 
@@ -60,11 +60,12 @@ def train(run: Path, seed: int, minutes: float, settings: dict[str, float]) -> l
 def value_of(run: Path) -> Row:
     """Judges a trial; returns its part of a line: what counts, and what this is of."""
     file = run / "judged.json"
-    words = f"--seed {TUNING_SEED} --seconds 10 --rollouts 2 --overwrite --json".split()
+    words = f"--seed {TUNING_SEED} --seconds 10 --rollouts 8 --overwrite --json".split()
     vgps("evaluate", str(run), *words, str(file))
-    found = json.loads(file.read_text())["all_commands"]
-    obeys, up = found["obeys"][-1], found["survival"][-1]
-    return {"value": obeys + TIE * up, "obeys": obeys, "up": up}
+    found = json.loads(file.read_text())
+    both = [found[name] for name in ("all_commands", "changing")]
+    obeys, up = ([each[key][-1] for each in both] for key in ("obeys", "survival"))
+    return {"value": sum(obeys) + TIE * sum(up), "obeys": obeys, "up": up}
 
 
 def try_settings(trial: int, folder: Path) -> Row:
@@ -93,10 +94,15 @@ def best_settings() -> dict[str, float]:
 def measured(method: str, seed: int, folder: Path) -> Row:
     """Trains PPO with the best settings and judges it; returns its line."""
     run = folder / f"{method}-{seed}"
-    *tried, last = train(run, seed, MINUTES, best_settings())
     row: dict[str, Any] = {"method": method, "seed": seed, "settings": best_settings(), **made()}
+    try:
+        *tried, last = train(run, seed, MINUTES, best_settings())
+    except subprocess.CalledProcessError as error:
+        if error.returncode < 0:
+            raise  # it was stopped
+        return row | {"error": error.returncode}
     row |= {"core_seconds": last["processor_seconds"], "simulator_steps": last["simulator_steps"]}
-    chosen = {"kept": last["tenth"], "success_by_tenth": [each["success"] for each in tried]}
+    chosen = {"kept": last["try"], "success_of_tries": [each["success"] for each in tried]}
     return row | chosen | judge(run, run / "judged.json")
 
 

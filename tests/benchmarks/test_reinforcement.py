@@ -120,9 +120,23 @@ def test_robots_side_by_side_are_the_task_s_own_robot(quadruped):
         quadruped.in_context(context[i : i + 1]).cost(before[i : i + 1], controls[i : i + 1])[0]
         for i in kept
     ]
-    obeyed = rewards[kept] / quadruped.dynamics.time_step + 0.05 * np.array(alone)
-    assert np.all((obeyed > 0.0) & (obeyed < 1.5))
+    reward = rewards[kept] / quadruped.dynamics.time_step
+    obeyed = reward + 0.05 * np.array(alone)
+    assert np.all(reward >= 0.0)  # a fall never pays
+    assert np.all((obeyed > 0.0) & ((obeyed < 1.5) | (reward == 0.0)))
     assert 0 < pushed.sum() < 20
+
+
+def test_the_clock_of_a_robot_at_rest_turns_after_a_push(quadruped):
+    robots = controller_peer.Robots(quadruped, 3, 0.25, 0.05)
+    robots.reset()
+    robots._commands[:] = 0.0
+    assert not robots.context().any()  # all clocks stand
+    robots.states[0, quadruped.dynamics.model.nq + 3] = 3.0  # it turns about a level axis [rad/s]
+    robots.step_async(np.zeros((len(robots.states), 12)))
+    robots.step_wait()
+    robots._commands[:] = 0.0
+    assert np.linalg.norm(robots.context()[0]) == pytest.approx(1.0)
 
 
 def test_our_search_stops_at_its_goal(swimmer):
