@@ -402,7 +402,9 @@ def fresh_seeds() -> str:
     return table(("what", f"{len(own)} fresh seeds"), shown)
 
 
-_FEWEST = 3  # seeds for an interval
+_FEWEST = 5  # seeds for an interval: of three, 20 % would not hold what is alike
+_BAND = "{:.2f} ({:.2f} to {:.2f})"
+_FELL = 1.0  # error of a training that failed [m/s, rad/s], about that of one that stands
 
 
 def parts(differences: bool = False) -> str:
@@ -440,13 +442,15 @@ def _by_seed(
 ) -> str:
     """Returns the table of trainings, or of what each has beyond those of the first name.
 
-    It has the seeds that all names have. Of differences a cell also says how probable it is that a
-    seed of this name is better than one of the first.
+    It has the seeds that all names have: the figure of each, of enough seeds their interquartile
+    mean. Of differences a cell also says how probable it is that a seed of this name is better than
+    one of the first.
     """
     first = names[0]
     seeds = sorted({seed for _, seed in own if all((name, seed) in own for name in names)})
     if len(seeds) < (_FEWEST if differences else 1) or len(names) == 1:
-        return f"Seeds with all columns: {len(seeds)}; fewer than {_FEWEST} tell nothing here.\n"
+        count = len(seeds) if names[1:] else 0
+        return f"Seeds of all columns so far: {count}; differences need {_FEWEST}.\n"
     trained = {name: [own[name, seed] for seed in seeds] for name in names}
     sides = {name: [_judged(row) for row in rows] for name, rows in trained.items()}
     pairs = [(i, i) for i in range(len(seeds))]
@@ -454,13 +458,15 @@ def _by_seed(
     names = names[1:] if differences else names
     shown = []
     for i, row in enumerate(found[first]):
-        cells = [[found[name][i][c] for c in ("A less B", "A better")] for name in names]
-        if not differences:
-            cells = [[found[name][i]["A"]] for name in names]
-        form = "{:+.3f} ({:+.3f} to {:+.3f})" if differences else "{:.3f} ({:.3f} to {:.3f})"
-        form = form if len(seeds) >= _FEWEST else "{:.3f}"  # no interval
-        forms = (form, "{:.2f} ({:.2f} to {:.2f})")
-        texts = ("; ".join(f.format(*b) for f, b in zip(forms, c, strict=False)) for c in cells)
+        cells = [found[name][i] for name in names]
+        if differences:
+            apart = "{:+.3f} ({:+.3f} to {:+.3f}); "
+            texts = [apart.format(*c["A less B"]) + _BAND.format(*c["A better"]) for c in cells]
+        elif len(seeds) < _FEWEST:
+            form = ".3f" if row["figure"].startswith("error") else ".2f"
+            texts = [" / ".join(f"{value:{form}}" for value in c["values"][0]) for c in cells]
+        else:
+            texts = ["{:.3f} ({:.3f} to {:.3f})".format(*c["A"]) for c in cells]
         shown.append((row["figure"], *texts))
     if differences:
         return table(("figure", *names), shown)
@@ -491,7 +497,7 @@ def _judged(row: dict[str, Any]) -> dict[str, float | None]:
         found |= {name.format(value): share for value, share in values}
     failed = "error" in row
     return {
-        n: (np.inf if n.startswith("error") else 0.0) if failed or v is None else v
+        n: (_FELL if n.startswith("error") else 0.0) if failed or v is None else v
         for n, v in found.items()
     }
 

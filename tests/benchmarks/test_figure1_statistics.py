@@ -41,6 +41,10 @@ def test_two_that_fall_are_alike_and_no_panel_outweighs_another():
     assert band.low < band.middle < band.high
 
 
+def test_two_that_never_end_are_alike():
+    assert probability_of_improvement([np.array([np.inf])], [np.array([np.inf])]).middle == 0.5
+
+
 def test_they_are_those_of_rliable(rng):
     """Which counts what is larger as better, and needs as many seeds in each panel."""
     library = pytest.importorskip(

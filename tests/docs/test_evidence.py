@@ -136,17 +136,17 @@ def training(variant: str, seed: int, share: float) -> dict[str, object]:
 def test_differences_of_parts_are_of_pairs_of_whole_seeds(monkeypatch):
     rows = [
         training(name, seed, share - 0.1 * (name != WHOLE))
-        for seed, share in ((9101, 0.5), (9102, 0.9), (9104, 0.7))
+        for seed, share in ((9101, 0.5), (9102, 0.7), (9104, 0.7), (9105, 0.7), (9106, 0.9))
         for name in VARIANTS
     ]
     rows.append(training(WHOLE, 9103, 0.0))  # whose variants are still to come
     monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     figures, differences = evidence.parts(), evidence.parts(differences=True)
-    assert "Seeds 9101, 9102, 9104; commit 1234abc" in figures
-    assert "| obeys at 25 commands | 0.700 (0.500 to 0.900) | 0.600 (0.400 to 0.800) |" in figures
-    # The same of each pair, while a seed of the variant is better than one of vgps in 3 of 9 pairs.
-    assert "| obeys at 25 commands | -0.100 (-0.100 to -0.100); 0.33" in differences
-    assert "| error forward at 25 commands | +0.100 (+0.100 to +0.100); 0.33" in differences
+    assert "Seeds 9101, 9102, 9104, 9105, 9106; commit 1234abc" in figures
+    assert re.search(r"\| obeys at 25 commands \| 0.700 \([^|]* \| 0.600 \(", figures)
+    # The same of each pair, while a seed of the variant is better than one of vgps in 7 of 25.
+    assert "| obeys at 25 commands | -0.100 (-0.100 to -0.100); 0.28" in differences
+    assert "| error forward at 25 commands | +0.100 (+0.100 to +0.100); 0.28" in differences
 
 
 def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch):
@@ -155,22 +155,24 @@ def test_a_training_that_failed_by_an_error_counts_as_one_that_fell(monkeypatch)
     rows = [row for row in rows if row["variant"] != "with memory"] + [failed | {"error": 1}]
     monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     (line,) = [text for text in evidence.parts().splitlines() if "obeys at 25" in text]
-    assert line.split(" | ")[5] == "0.000"  # one seed alone has no interval
-    assert "fewer than 3" in evidence.parts(differences=True)
+    assert line.split(" | ")[5] == "0.00"  # one seed alone has no interval
+    assert "so far: 1; differences need 5" in evidence.parts(differences=True)
     (line,) = [text for text in evidence.parts().splitlines() if "failed" in text]
     assert line == "| failed by an error | 0 | 0 | 0 | 0 | 1 | 0 |"
 
 
 def test_rivals_stand_beside_vgps_on_the_seeds_that_both_have(monkeypatch):
-    ours = [training(name, seed, 0.9) for seed in (9101, 9102, 9103) for name in VARIANTS]
-    theirs = [training("", seed, 0.4) | {"method": "PPO"} for seed in (9101, 9102)]
+    ours = [training(name, seed, 0.9) for seed in range(9101, 9106) for name in VARIANTS]
+    theirs: list[dict[str, object]] = []
     rows = {evidence.PARTS_ROWS: ours, evidence.RIVALS_ROWS: theirs}
     monkeypatch.setattr(evidence, "read_rows", rows.get)
+    assert "Seeds of all columns so far: 0" in evidence.rivals()
+    theirs += [training("", seed, 0.4) | {"method": "PPO"} for seed in (9101, 9102)]
     figures = evidence.rivals()
     assert "Seeds 9101, 9102;" in figures
     assert "| figure | vgps | PPO |" in figures
-    assert "| obeys at 25 commands | 0.900 | 0.400 |" in figures  # two seeds have no interval
-    theirs.append(training("", 9103, 0.4) | {"method": "PPO"})
+    assert "| obeys at 25 commands | 0.90 / 0.90 | 0.40 / 0.40 |" in figures  # too few for a mean
+    theirs += [training("", seed, 0.4) | {"method": "PPO"} for seed in (9103, 9104, 9105)]
     assert "| -0.500 (-0.500 to -0.500); 0.00 (" in evidence.rivals(differences=True)
 
 

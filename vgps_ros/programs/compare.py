@@ -121,7 +121,7 @@ def compare_figures(
         if None in values[0] + values[1]:
             continue
         a, b = (np.array(side, dtype=float) for side in values)
-        apart = np.array([a[i] - b[j] for i, j in pairs])
+        apart = np.array([0.0 if a[i] == b[j] else a[i] - b[j] for i, j in pairs])
         sign = 1.0 if name.startswith(("error", "cost")) else -1.0
         bands = (
             with_interval(iqm, a),

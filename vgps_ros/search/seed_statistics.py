@@ -57,9 +57,9 @@ def probability_of_improvement(ours: Sequence[Array], theirs: Sequence[Array]) -
     """
 
     def statistic(*samples: Array, axis: int) -> Array:
-        moved = [np.moveaxis(sample, axis, -1) for sample in samples]
-        pairs = zip(moved[: len(ours)], moved[len(ours) :], strict=True)
-        wins = [np.sign(y[..., None, :] - x[..., :, None]) for x, y in pairs]
-        return np.mean([0.5 + 0.5 * each.mean(axis=(-2, -1)) for each in wins], axis=0)
+        first = [np.moveaxis(x, axis, -1)[..., :, None] for x in samples[: len(ours)]]
+        other = [np.moveaxis(y, axis, -1)[..., None, :] for y in samples[len(ours) :]]
+        wins = [(x < y) + 0.5 * (x == y) for x, y in zip(first, other, strict=True)]
+        return np.mean([win.mean(axis=(-2, -1)) for win in wins], axis=0)
 
     return with_interval(statistic, *ours, *theirs)
