@@ -169,6 +169,7 @@ class ContactRobot:
             behind = int((time.monotonic() - began) / step) - self.ticks
             if behind > 5:  # a busy machine: its time stands still for what is beyond
                 began += (behind - 5) * step
+                self.began += (behind - 5) * STEP  # its stamps do not fall behind the wall clock
                 behind = 5
             for _ in range(behind):
                 self.advance(1)
