@@ -30,7 +30,6 @@ from benchmarks.legs import vgps
 from benchmarks.parts import SEEDS, judge, made
 from benchmarks.sweep import Row, read_rows, sweep
 
-ROWS, TUNING = RIVALS_ROWS, TUNING_ROWS
 TUNING_SEED = 9001
 MINUTES, TRIAL_MINUTES = 12.0, 8.0  # of processor time
 DRAWN = 5  # trials that are drawn at random, before a Gaussian process chooses
@@ -72,7 +71,7 @@ def try_settings(trial: int, folder: Path) -> Row:
     """Trains with the settings that the trials before speak for, and returns its line."""
     sampler = optuna.samplers.GPSampler(seed=trial, n_startup_trials=DRAWN)
     study = optuna.create_study(sampler=sampler, direction="maximize")
-    for row in read_rows(TUNING):
+    for row in read_rows(TUNING_ROWS):
         past = optuna.trial.create_trial(
             params=row["settings"], distributions=space(), value=row["value"]
         )
@@ -88,7 +87,7 @@ def try_settings(trial: int, folder: Path) -> Row:
 
 def best_settings() -> dict[str, float]:
     """Returns the settings of the best trial."""
-    return dict(max(read_rows(TUNING), key=lambda row: row["value"])["settings"])
+    return dict(max(read_rows(TUNING_ROWS), key=lambda row: row["value"])["settings"])
 
 
 def measured(method: str, seed: int, folder: Path) -> Row:
@@ -118,10 +117,10 @@ def main() -> None:
     given.runs.mkdir(parents=True, exist_ok=True)
     if given.what == "tune":
         runs = [(trial,) for trial in range(given.trials)]
-        rows = sweep(TUNING, ("trial",), runs, partial(try_settings, folder=given.runs))
+        rows = sweep(TUNING_ROWS, ("trial",), runs, partial(try_settings, folder=given.runs))
     else:
         pairs = [("PPO", seed) for seed in given.seeds]
-        rows = sweep(ROWS, ("method", "seed"), pairs, partial(measured, folder=given.runs))
+        rows = sweep(RIVALS_ROWS, ("method", "seed"), pairs, partial(measured, folder=given.runs))
     for row in rows:
         print(json.dumps(row), flush=True)
 

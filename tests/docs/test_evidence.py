@@ -143,7 +143,7 @@ def test_differences_of_parts_are_of_pairs_of_whole_seeds(monkeypatch):
     monkeypatch.setattr(evidence, "read_rows", lambda _: rows)
     figures, differences = evidence.parts(), evidence.parts(differences=True)
     assert "Seeds 9101, 9102, 9104, 9105, 9106; commit 1234abc" in figures
-    assert re.search(r"\| obeys at 25 commands \| 0.700 \([^|]* \| 0.600 \(", figures)
+    assert "| obeys at 25 commands | 0.700 (0.567 to 0.833) | 0.600 (0.467 to 0.733) |" in figures
     # The same of each pair, while a seed of the variant is better than one of vgps in 7 of 25.
     assert "| obeys at 25 commands | -0.100 (-0.100 to -0.100); 0.28" in differences
     assert "| error forward at 25 commands | +0.100 (+0.100 to +0.100); 0.28" in differences
